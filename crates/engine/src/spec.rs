@@ -1,0 +1,372 @@
+//! What a world is made of, before it runs: plain data in SI units and f64, filled by scene files, by
+//! the library's users and by tests, and never changed by the engine.
+//!
+//! Axes are right-handed. Stress, strain and overlap are positive in compression.
+
+use std::sync::Arc;
+
+use glebe_physics::{IntegratorKind, ContactModel, Material, Mixing, PairOverride, ShearModulusRule};
+
+/// A vector in SI units.
+pub type Vec3 = [f64; 3];
+
+/// Index into [`WorldSpec::materials`].
+pub type MaterialId = usize;
+
+/// One independent simulation.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct WorldSpec {
+    /// Name for messages and output.
+    pub title: String,
+    /// Seed of everything random in this world.
+    pub seed: u64,
+    /// The box or cell, and what its sides do.
+    pub domain: Domain,
+    /// All materials: of particles, walls and tools.
+    pub materials: Vec<Material>,
+    /// How values of pairs are mixed.
+    pub mixing: Mixing,
+    /// Which G* expression is used.
+    pub shear_modulus: ShearModulusRule,
+    /// Pairs that set values themselves; unordered.
+    pub pairs: Vec<(MaterialId, MaterialId, PairOverride)>,
+    /// The contact laws.
+    pub contact: ContactModel,
+    /// Gravity \[m/s²\].
+    pub gravity: Vec3,
+    /// Local non-viscous damping C \[-\], in [0, 1).
+    pub local_damping: f64,
+    /// Step and integrator.
+    pub time: Time,
+    /// When a run is stopped because it went wrong.
+    pub guards: Guards,
+    /// The particles at the start.
+    pub particles: ParticleSet,
+    /// Walls, planes and meshes, besides the domain's own sides.
+    pub surfaces: Vec<Surface>,
+    /// What happens, in order. At least one.
+    pub stages: Vec<Stage>,
+    /// How often the world is observed.
+    pub sampling: Sampling,
+}
+
+impl WorldSpec {
+    /// An empty world in `domain`: no particles, no stages, default laws, no gravity.
+    pub fn new(domain: Domain, time: Time) -> Self {
+        Self {
+            title: String::new(),
+            seed: 1,
+            domain,
+            materials: Vec::new(),
+            mixing: Mixing::default(),
+            shear_modulus: ShearModulusRule::default(),
+            pairs: Vec::new(),
+            contact: ContactModel::default(),
+            gravity: [0.0; 3],
+            local_damping: 0.0,
+            time,
+            guards: Guards::default(),
+            particles: ParticleSet::default(),
+            surfaces: Vec::new(),
+            stages: Vec::new(),
+            sampling: Sampling::default(),
+        }
+    }
+}
+
+/// The space of a world: the parallelepiped `origin + C·[0,1]³`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Domain {
+    /// The corner of least coordinates \[m\].
+    pub origin: Vec3,
+    /// The cell matrix C \[m\]; **columns** are the cell vectors: `cell[row][column]`.
+    pub cell: [Vec3; 3],
+    /// What the low and the high side of each cell axis do.
+    pub sides: [[Side; 2]; 3],
+    /// Material of walls at the sides; needed when a side is a wall.
+    pub material: Option<MaterialId>,
+}
+
+impl Domain {
+    /// An axis-aligned box from `min` to `max` \[m\].
+    pub fn aligned(min: Vec3, max: Vec3, sides: [[Side; 2]; 3], material: Option<MaterialId>) -> Self {
+        let mut cell = [[0.0; 3]; 3];
+        for k in 0..3 {
+            cell[k][k] = max[k] - min[k];
+        }
+        Self { origin: min, cell, sides, material }
+    }
+}
+
+/// What happens at a side of the domain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(serde::Serialize, serde::Deserialize)]
+pub enum Side {
+    /// Particles that leave are removed, counted and listed.
+    Open,
+    /// A frictional plane of the domain's material.
+    Wall,
+    /// Particles re-enter opposite; both sides of an axis together.
+    Periodic,
+}
+
+/// Time step and integrator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Time {
+    /// The step \[s\].
+    pub step: Step,
+    /// The integration scheme.
+    pub integrator: IntegratorKind,
+    /// Allows a step above the stable one.
+    pub force: bool,
+}
+
+/// How the time step is found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Step {
+    /// The smaller of 15 % of the Rayleigh time and 1/25 of the collision time.
+    Auto,
+    /// Given \[s\].
+    Fixed(f64),
+}
+
+/// What stops a world that went wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guards {
+    /// Largest overlap as a fraction of the smaller radius.
+    pub overlap_limit: f64,
+    /// Exceeding it stops the world; otherwise it is counted and reported.
+    pub overlap_stops: bool,
+}
+
+impl Default for Guards {
+    fn default() -> Self {
+        Self { overlap_limit: 0.3, overlap_stops: true }
+    }
+}
+
+/// Particles as columns of equal length.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ParticleSet {
+    /// Centres \[m\].
+    pub position: Vec<Vec3>,
+    /// Radii \[m\], > 0.
+    pub radius: Vec<f64>,
+    /// Materials.
+    pub material: Vec<MaterialId>,
+    /// Velocities \[m/s\]; empty for all at rest.
+    pub velocity: Vec<Vec3>,
+    /// Angular velocities \[rad/s\]; empty for none.
+    pub spin: Vec<Vec3>,
+}
+
+impl ParticleSet {
+    /// Number of particles.
+    pub fn len(&self) -> usize {
+        self.position.len()
+    }
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.position.is_empty()
+    }
+    /// Adds a particle at rest.
+    pub fn push(&mut self, position: Vec3, radius: f64, material: MaterialId) {
+        self.push_moving(position, radius, material, [0.0; 3], [0.0; 3]);
+    }
+    /// Adds a moving particle.
+    pub fn push_moving(&mut self, position: Vec3, radius: f64, material: MaterialId, velocity: Vec3, spin: Vec3) {
+        self.velocity.resize(self.len(), [0.0; 3]);
+        self.spin.resize(self.len(), [0.0; 3]);
+        self.position.push(position);
+        self.radius.push(radius);
+        self.material.push(material);
+        self.velocity.push(velocity);
+        self.spin.push(spin);
+    }
+}
+
+/// A rigid surface that particles meet.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// Name in the scene and in output columns.
+    pub name: String,
+    /// Its material.
+    pub material: MaterialId,
+    /// Its shape, in its own frame.
+    pub shape: Shape,
+    /// Where its frame stands at the start.
+    pub pose: Pose,
+    /// How it moves in stages that do not say otherwise.
+    pub motion: Motion,
+    /// Absent until a stage inserts it.
+    pub absent: bool,
+}
+
+/// The shape of a surface.
+#[derive(Clone, Debug)]
+pub enum Shape {
+    /// An unbounded plane through the frame's origin; particles stay on the side of `normal` (unit).
+    Plane {
+        /// Unit normal towards the particles.
+        normal: Vec3,
+    },
+    /// A triangle mesh; both sides act.
+    Mesh(Arc<TriMesh>),
+}
+
+/// An indexed triangle mesh, without degenerate triangles.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TriMesh {
+    /// Vertices in the surface's frame \[m\].
+    pub vertices: Vec<Vec3>,
+    /// Vertex indices of each triangle.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// A rigid placement: `x = translation + rotation · x_body`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(serde::Serialize, serde::Deserialize)]
+pub struct Pose {
+    /// \[m\]
+    pub translation: Vec3,
+    /// Unit quaternion (w, x, y, z).
+    pub rotation: [f64; 4],
+}
+
+impl Default for Pose {
+    fn default() -> Self {
+        Self { translation: [0.0; 3], rotation: [1.0, 0.0, 0.0, 0.0] }
+    }
+}
+
+/// A prescribed motion since the beginning of a stage: the sum of its parts.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(serde::Serialize, serde::Deserialize)]
+pub struct Motion {
+    /// Constant velocity \[m/s\].
+    pub velocity: Vec3,
+    /// Rotation about an axis that moves along with the translation.
+    pub rotation: Option<Rotation>,
+    /// Oscillating translation.
+    pub oscillation: Option<Oscillation>,
+}
+
+/// Steady rotation about an axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(serde::Serialize, serde::Deserialize)]
+pub struct Rotation {
+    /// Unit vector of the axis.
+    pub axis: Vec3,
+    /// A point of the axis at the beginning of the stage \[m\].
+    pub center: Vec3,
+    /// Rate \[rad/s\], right-handed about `axis`.
+    pub rate: f64,
+}
+
+/// `x(t) = amplitude · sin(2π f t + phase) - amplitude · sin(phase)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(serde::Serialize, serde::Deserialize)]
+pub struct Oscillation {
+    /// Direction times amplitude \[m\].
+    pub amplitude: Vec3,
+    /// Frequency f \[Hz\].
+    pub frequency: f64,
+    /// Phase \[rad\].
+    pub phase: f64,
+}
+
+/// One part of a run.
+#[derive(Clone, Debug, Default)]
+pub struct Stage {
+    /// Name in the scene and the summary.
+    pub name: String,
+    /// What is done at its beginning, in order.
+    pub actions: Vec<Action>,
+    /// When it ends; a stage without a duration only acts.
+    pub until: Until,
+    /// Motions by surface (index into [`WorldSpec::surfaces`]); a surface that no stage moves follows
+    /// its own motion.
+    pub moves: Vec<(usize, Motion)>,
+    /// What is measured.
+    pub measures: Vec<Measure>,
+}
+
+/// Something done at once at the beginning of a stage.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    /// Removes particles whose centre `x` has `x·axis > limit` \[m\] (trim); reported, not lost.
+    RemoveBeyond {
+        /// Unit vector.
+        axis: Vec3,
+        /// \[m\]
+        limit: f64,
+    },
+    /// Makes an absent surface present.
+    Insert(usize),
+    /// Makes a surface absent.
+    Withdraw(usize),
+}
+
+/// When a stage ends: at the first that holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Until {
+    /// Kinetic energy (translation and rotation) below this \[J\], once it has risen above it or 100
+    /// steps have passed.
+    pub kinetic_energy_below: Option<f64>,
+    /// After this time in the stage \[s\]; for a stage that waits for energy, the most it may take.
+    pub at_most: Option<f64>,
+}
+
+/// A number measured over a stage.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measure {
+    /// Name in the summary.
+    pub name: String,
+    /// Surface measured (index into [`WorldSpec::surfaces`]).
+    pub surface: usize,
+    /// Which component.
+    pub component: Component,
+    /// When it counts.
+    pub window: Window,
+}
+
+/// A component of the force that particles exert on a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Component {
+    /// Force along an axis 0-2 \[N\].
+    Force(usize),
+    /// Torque about an axis 0-2 through the surface's frame origin \[N m\].
+    Torque(usize),
+    /// The force against the surface's velocity, `-F·v/|v|` \[N\]: what a tractor has to pull.
+    Draught,
+}
+
+/// The part of a stage that a measure covers.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Window {
+    /// All of it.
+    #[default]
+    Stage,
+    /// Time since the beginning of the stage \[s\].
+    Time(f64, f64),
+    /// Path that the surface's frame has moved since the beginning of the stage \[m\].
+    Displacement(f64, f64),
+}
+
+/// Intervals of observation. Rounded to whole steps; frames to whole samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sampling {
+    /// Between rows of the series, and checks of stage ends \[s\].
+    pub series: f64,
+    /// Between frames \[s\]; none if absent.
+    pub frames: Option<f64>,
+    /// Whether dissipated energy is accounted each step.
+    pub energy_ledger: bool,
+}
+
+impl Default for Sampling {
+    fn default() -> Self {
+        Self { series: 1e-3, frames: None, energy_ledger: true }
+    }
+}
