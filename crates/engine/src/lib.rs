@@ -2,4 +2,18 @@
 //!
 //! Knows no file format.
 
+pub mod backend;
+pub mod batch;
+pub mod generate;
+pub mod lattice;
 pub mod spec;
+pub mod state;
+pub mod surface;
+
+mod bytes;
+mod failure;
+mod setup;
+
+pub use bytes::BytesError;
+pub use failure::{Failure, SetupError};
+pub use setup::{Boundary, BoundaryShape, Constants, StepLimits, prepare};

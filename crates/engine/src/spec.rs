@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use glebe_physics::{IntegratorKind, ContactModel, Material, Mixing, PairOverride, ShearModulusRule};
+use glebe_physics::{ContactModel, IntegratorKind, Material, Mixing, PairOverride, ShearModulusRule};
 
 /// A vector in SI units.
 pub type Vec3 = [f64; 3];
@@ -100,8 +100,7 @@ impl Domain {
 }
 
 /// What happens at a side of the domain.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[derive(serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Side {
     /// Particles that leave are removed, counted and listed.
     Open,
@@ -175,7 +174,14 @@ impl ParticleSet {
         self.push_moving(position, radius, material, [0.0; 3], [0.0; 3]);
     }
     /// Adds a moving particle.
-    pub fn push_moving(&mut self, position: Vec3, radius: f64, material: MaterialId, velocity: Vec3, spin: Vec3) {
+    pub fn push_moving(
+        &mut self,
+        position: Vec3,
+        radius: f64,
+        material: MaterialId,
+        velocity: Vec3,
+        spin: Vec3,
+    ) {
         self.velocity.resize(self.len(), [0.0; 3]);
         self.spin.resize(self.len(), [0.0; 3]);
         self.position.push(position);
@@ -225,8 +231,7 @@ pub struct TriMesh {
 }
 
 /// A rigid placement: `x = translation + rotation · x_body`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[derive(serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Pose {
     /// \[m\]
     pub translation: Vec3,
@@ -241,8 +246,7 @@ impl Default for Pose {
 }
 
 /// A prescribed motion since the beginning of a stage: the sum of its parts.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[derive(serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Motion {
     /// Constant velocity \[m/s\].
     pub velocity: Vec3,
@@ -253,8 +257,7 @@ pub struct Motion {
 }
 
 /// Steady rotation about an axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[derive(serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Rotation {
     /// Unit vector of the axis.
     pub axis: Vec3,
@@ -265,8 +268,7 @@ pub struct Rotation {
 }
 
 /// `x(t) = amplitude · sin(2π f t + phase) - amplitude · sin(phase)`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[derive(serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Oscillation {
     /// Direction times amplitude \[m\].
     pub amplitude: Vec3,

@@ -2,26 +2,27 @@
 //!
 //! No I/O, no thread, no allocation in laws, no device but the optional expansion for CubeCL.
 
+mod cube;
+mod damping;
+mod laws;
 mod material;
 mod model;
+mod native;
+mod timestep;
+#[macro_use]
+mod slot;
 
+// The kernel's prelude is CubeCL's with the feature `gpu`, and a single function without.
+#[allow(unused_imports, clippy::wildcard_imports)]
+pub mod kernel;
+/// [`kernel`] in f64, derived from its source by `build.rs`: what the reference backend runs on.
+#[allow(clippy::all, clippy::pedantic)]
+pub mod kernel64 {
+    include!(concat!(env!("OUT_DIR"), "/kernel64.rs"));
+}
+
+pub use damping::*;
+pub use laws::*;
 pub use material::*;
 pub use model::*;
-
-/// The slots that laws sit in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Slot {
-    /// Normal force.
-    Normal,
-    /// Tangential force.
-    Tangential,
-    /// Rolling torque.
-    Rolling,
-    /// Cohesive force.
-    Cohesion,
-}
-
-/// Every registered law of a slot, in the order of the registry.
-pub fn laws(_slot: Slot) -> &'static [LawInfo] {
-    &[]
-}
+pub use timestep::*;

@@ -144,7 +144,13 @@ impl PairProperties {
     ///
     /// Static friction is never below sliding friction: where only μ is overridden and exceeds the
     /// mixed μ0, μ0 is raised to it.
-    pub fn new(a: &Material, b: &Material, mixing: &Mixing, shear: ShearModulusRule, over: &PairOverride) -> Self {
+    pub fn new(
+        a: &Material,
+        b: &Material,
+        mixing: &Mixing,
+        shear: ShearModulusRule,
+        over: &PairOverride,
+    ) -> Self {
         let (ea, eb) = (a.youngs_modulus, b.youngs_modulus);
         let (na, nb) = (a.poissons_ratio, b.poissons_ratio);
         let e_star = 1.0 / ((1.0 - na * na) / ea + (1.0 - nb * nb) / eb);

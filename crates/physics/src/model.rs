@@ -101,7 +101,10 @@ pub struct ParameterInfo {
     pub name: &'static str,
     /// SI unit, empty if dimensionless.
     pub unit: &'static str,
-    /// Value when left out; `None` if it must be given.
+    /// Whether it must be given.
+    pub required: bool,
+    /// Value when left out; `None` for a required parameter, and for one that then follows from the
+    /// materials as its summary says.
     pub default: Option<f64>,
     /// Least allowed value.
     pub min: f64,
@@ -172,4 +175,79 @@ pub enum IntegratorKind {
     Adams,
     /// Velocity Verlet.
     VelocityVerlet,
+}
+
+/// Two bodies about to touch.
+#[derive(Clone, Copy, Debug)]
+pub struct Impact {
+    /// Effective mass m* \[kg\].
+    pub m_eff: f64,
+    /// Effective radius R* \[m\].
+    pub r_eff: f64,
+    /// 4R* between spheres, 2R on a wall \[m\].
+    pub diameter: f64,
+}
+
+/// What a law may take its coefficients from when it is prepared for a pair of materials.
+#[derive(Clone, Copy, Debug)]
+pub struct Preparation<'a> {
+    /// The pair.
+    pub pair: &'a crate::PairProperties,
+    /// Contact end of the world.
+    pub end: ContactEnd,
+    /// The law as registered.
+    pub info: &'static LawInfo,
+    /// Parameters given.
+    pub given: &'a [(String, f64)],
+}
+
+impl Preparation<'_> {
+    /// The parameter `name` in SI units: as given, else its default, else `None`.
+    pub fn parameter(&self, name: &str) -> Option<f64> {
+        let given = self.given.iter().find(|(n, _)| n == name).map(|(_, v)| *v);
+        given.or_else(|| self.info.parameters.iter().find(|p| p.name == name).and_then(|p| p.default))
+    }
+
+    /// A parameter that is required or has a default: [`crate::Laws::resolve`] has checked that it is there.
+    pub fn value(&self, name: &str) -> f64 {
+        self.parameter(name).unwrap_or(f64::NAN)
+    }
+}
+
+/// The host's side of a law: what it is called and how its coefficients follow from the materials.
+///
+/// A law has four coefficients for each pair of materials; what each means is said in its file.
+pub trait Law {
+    /// Name, source, parameters.
+    const INFO: LawInfo;
+    /// What is remembered per contact: for each float the sign that it takes when the two bodies change
+    /// roles.
+    const HISTORY: &'static [f64] = &[];
+    /// The coefficients for a pair.
+    fn prepare(p: &Preparation<'_>) -> Result<[f64; 4], LawError>;
+    /// Whether stiffness follows from the materials, so that the Rayleigh time limits the step.
+    const FROM_MATERIAL: bool = true;
+    /// Duration of an elastic impact at `speed` \[m/s\]; infinite for laws that do not limit the step.
+    fn collision_time(_coefficients: &[f64; 4], _impact: &Impact, _speed: f64) -> f64 {
+        f64::INFINITY
+    }
+    /// Distance beyond touch up to which the law acts \[m\].
+    fn range(_coefficients: &[f64; 4]) -> f64 {
+        0.0
+    }
+}
+
+impl IntegratorKind {
+    /// Every scheme.
+    pub const ALL: [Self; 4] = [Self::Euler, Self::Exact, Self::Adams, Self::VelocityVerlet];
+
+    /// Name in a scene.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Euler => "euler",
+            Self::Exact => "exact",
+            Self::Adams => "adams",
+            Self::VelocityVerlet => "velocity-verlet",
+        }
+    }
 }

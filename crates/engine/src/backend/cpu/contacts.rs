@@ -1,0 +1,504 @@
+//! Forces: candidates that touch are gathered into lanes, evaluated and scattered.
+
+use glebe_physics::kernel::vector::{V3, cross, dot, minus, plus, scaled};
+
+use super::lanes::{LANES, Lanes, Pair};
+use super::list::{Block, MEMORY, Pull, Touching};
+use crate::lattice::{add, sub};
+use crate::setup::{BoundaryShape, Constants};
+use crate::spec::Vec3;
+use crate::state::Particles;
+use crate::surface::{Placed, SurfacePoint, physical_contacts, touch};
+
+/// A boundary as it stands in this step.
+#[derive(Debug, Default)]
+pub struct Standing {
+    /// Whether it is there.
+    pub present: bool,
+    /// Pose and velocity.
+    pub placed: Placed,
+    /// Vertices in the world \[m\]; empty for planes.
+    pub vertices: Vec<Vec3>,
+    /// Unit normal in the world, for planes.
+    pub normal: Vec3,
+}
+
+/// What a phase is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// Forces of a step; history moves on.
+    Step,
+    /// Forces without a step: history stays (before the first step of schemes that need accelerations).
+    Prime,
+    /// Energies and counts of the present configuration; nothing changes.
+    Observe,
+}
+
+/// What is the same for all blocks in a phase.
+pub struct Phase<'a> {
+    /// The world.
+    pub c: &'a Constants,
+    /// Coefficients by pair of materials.
+    pub pairs: &'a [Pair],
+    /// Particles.
+    pub p: &'a Particles,
+    /// Boundaries.
+    pub standing: &'a [Standing],
+    /// What for.
+    pub purpose: Purpose,
+    /// Whether dissipated energy is accounted.
+    pub ledger: bool,
+    /// Step \[s\]; 0 unless the purpose is a step.
+    pub dt: f32,
+}
+
+/// A contact whose dissipation is accounted once velocities after the step are known.
+#[derive(Clone, Copy, Debug)]
+pub struct Record {
+    /// First particle.
+    pub i: u32,
+    /// Second particle; `u32::MAX` for a surface.
+    pub j: u32,
+    /// Lever arms \[m\].
+    pub arm: [f32; 2],
+    /// Unit vector from i to j.
+    pub n: [f32; 3],
+    /// Dashpots' force on i \[N\].
+    pub dash: [f32; 3],
+    /// Rolling torques \[N m\].
+    pub roll: [[f32; 3]; 2],
+    /// Velocity and spin of a surface.
+    pub surface: [[f32; 3]; 2],
+}
+
+/// Force and torque of one surface contact.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfacePull {
+    /// Particle, counted from the block's first.
+    pub local: u32,
+    /// Boundary.
+    pub boundary: u32,
+    /// Triangle.
+    pub triangle: u32,
+    /// Force on the particle \[N\].
+    pub force: [f32; 3],
+    /// Torque on the particle \[N m\].
+    pub torque: [f32; 3],
+}
+
+/// What a block's phase finds.
+#[derive(Debug, Default)]
+pub struct Found {
+    /// Contacts with surfaces, ordered by particle.
+    pub surface: Vec<SurfacePull>,
+    /// Force (3) and torque (3) of the particles on each moving or fixed surface of the specification,
+    /// torque about its frame's origin \[N\], \[N m\].
+    pub on_surface: Vec<[f64; 6]>,
+    /// Work done by surfaces on particles in the step \[J\].
+    pub work: f64,
+    /// Contacts for the ledger.
+    pub records: Vec<Record>,
+    /// Energy of normal springs and cohesion \[J\].
+    pub energy_normal: f64,
+    /// Energy of tangential springs \[J\].
+    pub energy_tangential: f64,
+    /// The same before the step's motion \[J\].
+    pub energy_before: f64,
+    /// Lost to friction \[J\].
+    pub friction_loss: f64,
+    /// Largest overlap as a fraction of the smaller radius, with particle and partner.
+    pub worst: (f32, u32, u32),
+    /// Pairs in contact and the force on the first \[N\], when observing.
+    pub coordination: Vec<(u32, u32, [f32; 3])>,
+    /// Pairs and surface contacts.
+    pub contacts: [u64; 2],
+}
+
+/// Whom a lane belongs to.
+#[derive(Clone, Copy)]
+struct Owner {
+    i: u32,
+    j: u32,
+    /// Candidate.
+    k: u32,
+}
+
+/// Working memory of a thread.
+#[derive(Default)]
+pub struct Scratch {
+    lanes: Lanes,
+    owner: Vec<Owner>,
+    near: Vec<SurfacePoint>,
+    meetings: Vec<Meeting>,
+}
+
+/// One block's forces. `#[inline(always)]` so that each of the callers below compiles it for its own
+/// instruction set; the arithmetic, and so every bit, is the same in all of them.
+#[inline(always)]
+fn block_phase(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scratch) {
+    found.surface.clear();
+    found.records.clear();
+    found.coordination.clear();
+    found.on_surface.clear();
+    found.on_surface.resize(ph.c.spec.surfaces.len(), [0.0; 6]);
+    found.work = 0.0;
+    found.energy_normal = 0.0;
+    found.energy_tangential = 0.0;
+    found.energy_before = 0.0;
+    found.friction_loss = 0.0;
+    found.worst = (0.0, 0, 0);
+    found.contacts = [0; 2];
+    pairs(ph, block, found, scratch);
+    surfaces(ph, block, found, scratch);
+}
+
+#[inline(always)]
+fn pairs(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scratch) {
+    let Scratch { lanes, owner, .. } = scratch;
+    let (p, materials) = (ph.p, ph.c.spec.materials.len());
+    let h = ph.c.history.len();
+    let unit = &ph.c.lattice.unit;
+    let (ux, uy, uz) = (unit[0][0], unit[1][1], unit[2][2]);
+    let orthogonal = ph.c.lattice.orthogonal;
+    owner.clear();
+    let mut current = usize::MAX;
+    for local in 0..block.start.len() - 1 {
+        let i = block.first + local;
+        let (pi, vi, wi) = (p.place[i], p.velocity[i], p.spin[i]);
+        for k in block.start[local] as usize..block.start[local + 1] as usize {
+            let j = block.partner[k] as usize;
+            let pj = p.place[j];
+            let a = f64::from(pj.lo[0].wrapping_sub(pi.lo[0]) as i32);
+            let b = f64::from(pj.lo[1].wrapping_sub(pi.lo[1]) as i32);
+            let c = f64::from(pj.lo[2].wrapping_sub(pi.lo[2]) as i32);
+            let d = if orthogonal { [a * ux, b * uy, c * uz] } else { crate::lattice::mul(unit, [a, b, c]) };
+            let reach = f64::from(pi.radius) + f64::from(pj.radius) + ph.c.range;
+            if d[0] * d[0] + d[1] * d[1] + d[2] * d[2] >= reach * reach {
+                if block.touching[k] && ph.purpose == Purpose::Step {
+                    block.touching[k] = false;
+                    block.history[k * h..(k + 1) * h].fill(0.0);
+                }
+                continue;
+            }
+            let wj = p.spin[j];
+            let pair = wi.material as usize * materials + wj.material as usize;
+            if owner.len() == LANES || (pair != current && !owner.is_empty()) {
+                flush_pairs(ph, current, block, found, lanes, owner);
+            }
+            current = pair;
+            let vj = p.velocity[j];
+            let l = owner.len();
+            for x in 0..3 {
+                lanes.d[x][l] = d[x];
+                lanes.v[0][x][l] = vi.v[x];
+                lanes.v[1][x][l] = vj.v[x];
+                lanes.w[0][x][l] = wi.w[x];
+                lanes.w[1][x][l] = wj.w[x];
+            }
+            lanes.radius[0][l] = pi.radius;
+            lanes.radius[1][l] = pj.radius;
+            lanes.inv_mass[0][l] = vi.inv_mass;
+            lanes.inv_mass[1][l] = vj.inv_mass;
+            for f in 0..h {
+                lanes.history[f][l] = block.history[k * h + f];
+            }
+            owner.push(Owner { i: i as u32, j: j as u32, k: k as u32 });
+        }
+    }
+    flush_pairs(ph, current, block, found, lanes, owner);
+}
+
+#[inline(always)]
+fn flush_pairs(
+    ph: &Phase<'_>,
+    pair: usize,
+    block: &mut Block,
+    found: &mut Found,
+    lanes: &mut Lanes,
+    owner: &mut Vec<Owner>,
+) {
+    let used = owner.len();
+    if used == 0 {
+        return;
+    }
+    lanes.pad(used);
+    lanes.between_spheres(used);
+    lanes.evaluate(used, ph.c.laws, &ph.pairs[pair], ph.dt);
+    found.contacts[0] += used as u64;
+    let h = ph.c.history.len();
+    for (l, o) in owner.iter().enumerate() {
+        let ratio = lanes.delta[l] / lanes.radius[0][l].min(lanes.radius[1][l]);
+        if ratio > found.worst.0 {
+            found.worst = (ratio, o.i, o.j);
+        }
+        if ph.purpose == Purpose::Observe {
+            found.coordination.push((o.i, o.j, [0, 1, 2].map(|x| lanes.force[x][l])));
+            continue;
+        }
+        let k = o.k as usize;
+        block.pull[k] = Pull {
+            force: [0, 1, 2].map(|x| lanes.force[x][l]),
+            torque: [0, 1, 2].map(|x| lanes.torque[0][x][l]),
+            torque_other: [0, 1, 2].map(|x| lanes.torque[1][x][l]),
+        };
+        block.touching[k] = true;
+        if ph.purpose == Purpose::Step {
+            for f in 0..h {
+                block.history[k * h + f] = lanes.history[f][l];
+            }
+        }
+        if ph.ledger && ph.purpose == Purpose::Step {
+            found.records.push(record(lanes, l, o.i, o.j, [[0.0; 3]; 2]));
+        }
+    }
+    sum_energies(found, lanes, used);
+    owner.clear();
+}
+
+#[inline(always)]
+fn record(lanes: &Lanes, l: usize, i: u32, j: u32, surface: [[f32; 3]; 2]) -> Record {
+    Record {
+        i,
+        j,
+        arm: [lanes.arm[0][l], lanes.arm[1][l]],
+        n: [0, 1, 2].map(|x| lanes.n[x][l]),
+        dash: [0, 1, 2].map(|x| lanes.dash[x][l]),
+        roll: [0, 1].map(|s| [0, 1, 2].map(|x| lanes.roll[s][x][l])),
+        surface,
+    }
+}
+
+#[inline(always)]
+fn sum_energies(found: &mut Found, lanes: &Lanes, used: usize) {
+    for l in 0..used {
+        found.energy_normal += f64::from(lanes.energy_normal[l]);
+        found.energy_tangential += f64::from(lanes.energy_tangential[l]);
+        found.energy_before += f64::from(lanes.energy_before[l]);
+        found.friction_loss += f64::from(lanes.friction_loss[l]);
+    }
+}
+
+/// A contact with a surface, to be evaluated.
+struct Meeting {
+    patch: u32,
+    contact: u32,
+    i: u32,
+    boundary: u32,
+    at: SurfacePoint,
+    /// From the surface's frame origin to the contact point \[m\].
+    arm: Vec3,
+    history: [f32; MEMORY],
+}
+
+#[inline(always)]
+fn surfaces(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scratch) {
+    let mut meetings = std::mem::take(&mut scratch.meetings);
+    meetings.clear();
+    meet_all(ph, block, &mut meetings, &mut scratch.near);
+    let lanes = &mut scratch.lanes;
+    let materials = ph.c.spec.materials.len();
+    let pair_of = |m: &Meeting| {
+        ph.p.spin[m.i as usize].material as usize * materials + ph.c.boundaries[m.boundary as usize].material
+    };
+    for same in meetings.chunk_by(|a, b| pair_of(a) == pair_of(b)) {
+        for group in same.chunks(LANES) {
+            for (l, m) in group.iter().enumerate() {
+                fill_surface(ph, lanes, l, m);
+            }
+            lanes.pad(group.len());
+            lanes.on_surfaces(group.len());
+            lanes.evaluate(group.len(), ph.c.laws, &ph.pairs[pair_of(&group[0])], ph.dt);
+            scatter_surfaces(ph, block, found, lanes, group);
+        }
+    }
+    scratch.meetings = meetings;
+}
+
+/// Finds the contacts of a block with surfaces; contacts of the last step hand their history to the nearest
+/// normals of this one, whatever triangle they are on.
+fn meet_all(ph: &Phase<'_>, block: &mut Block, meetings: &mut Vec<Meeting>, near: &mut Vec<SurfacePoint>) {
+    for (at, patch) in block.patches.iter_mut().enumerate() {
+        let standing = &ph.standing[patch.boundary as usize];
+        let i = block.first + patch.local as usize;
+        let place = &ph.p.place[i];
+        near.clear();
+        let center = ph.c.lattice.decode(ph.p.hi[i], place.lo, ph.p.rest[i]);
+        let center = ph.c.shifted(center, patch.shift);
+        if standing.present {
+            let triangles = &block.triangles[patch.triangles.0 as usize..patch.triangles.1 as usize];
+            meet(ph.c, standing, patch.boundary as usize, center, f64::from(place.radius), triangles, near);
+        }
+        let mut before = patch.contacts.clone();
+        if ph.purpose == Purpose::Step {
+            patch.contacts.clear();
+        }
+        for (contact, q) in near.iter().enumerate() {
+            let n = q.n.map(|x| x as f32);
+            let mut history = [0.0; MEMORY];
+            let cosine = |t: &Touching| t.n[0] * n[0] + t.n[1] * n[1] + t.n[2] * n[2];
+            let kin = (0..before.len()).max_by(|&a, &b| cosine(&before[a]).total_cmp(&cosine(&before[b])));
+            if let Some(k) = kin.filter(|&k| cosine(&before[k]) > KIN) {
+                history = before.swap_remove(k).history;
+            }
+            if ph.purpose == Purpose::Step {
+                patch.contacts.push(Touching { n, history });
+            }
+            let point = add(center, crate::lattice::scale(q.n, q.distance));
+            meetings.push(Meeting {
+                patch: at as u32,
+                contact: contact as u32,
+                i: i as u32,
+                boundary: patch.boundary,
+                at: *q,
+                arm: sub(point, standing.placed.pose.translation),
+                history,
+            });
+        }
+    }
+}
+
+/// Least cosine between the normals of a contact before and after a step.
+const KIN: f32 = 0.5;
+
+/// The physical contacts of a sphere with one boundary.
+fn meet(
+    c: &Constants,
+    standing: &Standing,
+    boundary: usize,
+    center: Vec3,
+    radius: f64,
+    triangles: &[u32],
+    near: &mut Vec<SurfacePoint>,
+) {
+    let reach = radius + c.range;
+    match &c.boundaries[boundary].shape {
+        BoundaryShape::Plane(_) => {
+            let height = crate::lattice::dot(standing.normal, sub(center, standing.placed.pose.translation));
+            near.extend(SurfacePoint::of_plane(standing.normal, height, reach));
+        }
+        BoundaryShape::Mesh(mesh, _) => {
+            for &t in triangles {
+                let vertices = mesh.triangles[t as usize].map(|v| sub(standing.vertices[v as usize], center));
+                near.extend(touch(vertices, t, reach));
+            }
+            physical_contacts(near, radius);
+        }
+    }
+}
+
+#[inline(always)]
+fn fill_surface(ph: &Phase<'_>, lanes: &mut Lanes, l: usize, m: &Meeting) {
+    let i = m.i as usize;
+    let placed = &ph.standing[m.boundary as usize].placed;
+    let turning = crate::lattice::cross(placed.spin, m.arm);
+    let (v, w) = (ph.p.velocity[i], ph.p.spin[i]);
+    for x in 0..3 {
+        lanes.d[x][l] = m.at.n[x] * m.at.distance;
+        lanes.v[0][x][l] = v.v[x];
+        lanes.v[1][x][l] = (placed.velocity[x] + turning[x]) as f32;
+        lanes.w[0][x][l] = w.w[x];
+        lanes.w[1][x][l] = placed.spin[x] as f32;
+    }
+    lanes.radius[0][l] = ph.p.place[i].radius;
+    lanes.radius[1][l] = 0.0;
+    lanes.inv_mass[0][l] = v.inv_mass;
+    lanes.inv_mass[1][l] = 0.0;
+    for f in 0..MEMORY {
+        lanes.history[f][l] = m.history[f];
+    }
+}
+
+fn scatter_surfaces(ph: &Phase<'_>, block: &mut Block, found: &mut Found, lanes: &Lanes, group: &[Meeting]) {
+    found.contacts[1] += group.len() as u64;
+    for (l, m) in group.iter().enumerate() {
+        let ratio = lanes.delta[l] / lanes.radius[0][l];
+        if ratio > found.worst.0 {
+            found.worst = (ratio, m.i, u32::MAX - m.boundary);
+        }
+        let of = |lane: &[[f32; LANES]; 3]| [0, 1, 2].map(|x| lane[x][l]);
+        let (force, torque) = (of(&lanes.force), of(&lanes.torque[0]));
+        let local = m.i - block.first as u32;
+        found.surface.push(SurfacePull {
+            local,
+            boundary: m.boundary,
+            triangle: m.at.triangle,
+            force,
+            torque,
+        });
+        if ph.purpose != Purpose::Step {
+            continue;
+        }
+        let contact = &mut block.patches[m.patch as usize].contacts[m.contact as usize];
+        for f in 0..MEMORY {
+            contact.history[f] = lanes.history[f][l];
+        }
+        let wall = [of(&lanes.v[1]), of(&lanes.w[1])];
+        if let Some(s) = ph.c.boundaries[m.boundary as usize].surface {
+            // The reaction: minus the force at the contact point, minus the rolling torque's partner.
+            let f = force.map(|x| -f64::from(x));
+            let t = add(crate::lattice::cross(m.arm, f), of(&lanes.torque[1]).map(f64::from));
+            for x in 0..3 {
+                found.on_surface[s][x] += f[x];
+                found.on_surface[s][x + 3] += t[x];
+                found.work -= f64::from(ph.dt)
+                    * (f[x] * f64::from(wall[0][x])
+                        + f64::from(lanes.torque[1][x][l]) * f64::from(wall[1][x]));
+            }
+        }
+        if ph.ledger {
+            found.records.push(record(lanes, l, m.i, u32::MAX, wall));
+        }
+    }
+    sum_energies(found, lanes, group.len());
+}
+
+/// Energy that dashpots and rolling resistance take in a step \[J\], with velocities at mid-step: the mean
+/// of `old` and `new`, with which the change of kinetic energy is exact for a force held over the step.
+pub fn dissipated(records: &[Record], dt: f32, mid: impl Fn(usize) -> (V3, V3)) -> [f64; 2] {
+    let vec = |a: [f32; 3]| V3 { x: a[0], y: a[1], z: a[2] };
+    let (mut dashpots, mut rolling) = (0.0, 0.0);
+    for r in records {
+        let (vi, wi) = mid(r.i as usize);
+        let (vj, wj) =
+            if r.j == u32::MAX { (vec(r.surface[0]), vec(r.surface[1])) } else { mid(r.j as usize) };
+        let n = vec(r.n);
+        let spin = cross(plus(scaled(wi, r.arm[0]), scaled(wj, r.arm[1])), n);
+        let u = plus(minus(vi, vj), spin);
+        dashpots -= f64::from(dot(vec(r.dash), u)) * f64::from(dt);
+        rolling -= f64::from(dot(vec(r.roll[0]), wi) + dot(vec(r.roll[1]), wj)) * f64::from(dt);
+    }
+    [dashpots, rolling]
+}
+
+/// The forces of one block, with the widest instructions that the machine has.
+pub fn run(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scratch) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if std::arch::is_x86_feature_detected!("avx512f")
+            && std::arch::is_x86_feature_detected!("avx512vl")
+            && std::arch::is_x86_feature_detected!("avx512dq")
+        {
+            // SAFETY: the features that the callee is compiled for were just found on this machine.
+            #[allow(unsafe_code)]
+            return unsafe { run_avx512(ph, block, found, scratch) };
+        }
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: as above.
+            #[allow(unsafe_code)]
+            return unsafe { run_avx2(ph, block, found, scratch) };
+        }
+    }
+    block_phase(ph, block, found, scratch);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq")]
+fn run_avx512(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scratch) {
+    block_phase(ph, block, found, scratch);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn run_avx2(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scratch) {
+    block_phase(ph, block, found, scratch);
+}

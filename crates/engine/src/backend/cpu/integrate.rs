@@ -1,0 +1,220 @@
+//! Motion: the forces of each particle summed in a fixed order, and one step of the integrator.
+
+use glebe_physics::kernel::integrate::{Scheme, locally_damped};
+
+use super::contacts::SurfacePull;
+use super::list::{Block, Incoming};
+use crate::setup::Constants;
+use crate::state::{Place, Spin, Velocity};
+
+/// The columns of a block's particles, as one step changes them.
+pub struct Columns<'a> {
+    /// First particle.
+    pub first: usize,
+    /// See [`crate::state::Particles`].
+    pub place: &'a mut [Place],
+    /// Windows.
+    pub hi: &'a mut [[i32; 3]],
+    /// Rest below one unit.
+    pub rest: &'a mut [[f32; 3]],
+    /// Velocities before the step.
+    pub velocity: &'a [Velocity],
+    /// Spins before the step.
+    pub spin: &'a [Spin],
+    /// Velocities after the step.
+    pub velocity_new: &'a mut [Velocity],
+    /// Spins after the step.
+    pub spin_new: &'a mut [Spin],
+    /// Accelerations of the step before, then of this one.
+    pub acceleration: &'a mut [[f32; 3]],
+    /// Angular accelerations.
+    pub angular: &'a mut [[f32; 3]],
+    /// Contact forces.
+    pub force: &'a mut [[f32; 3]],
+    /// Places at the last rebuild.
+    pub lo_ref: &'a [[u32; 3]],
+}
+
+/// What is the same for all particles.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    /// Step \[s\].
+    pub dt: f32,
+    /// Gravity \[m/s²\].
+    pub gravity: [f32; 3],
+    /// Local damping.
+    pub damping: f32,
+    /// From metres to units.
+    pub inverse: [[f32; 3]; 3],
+    /// From units to metres.
+    pub unit: [[f32; 3]; 3],
+    /// Windows along each periodic axis, 0 where the axis is open.
+    pub wrap: [i32; 3],
+    /// Square of the displacement in one step that is too much \[m²\].
+    pub runaway: f32,
+}
+
+impl Step {
+    /// The step of a world.
+    pub fn new(c: &Constants) -> Self {
+        let f = |m: [[f64; 3]; 3]| m.map(|r| r.map(|x| x as f32));
+        // "Faster than a cell per step": what the lists could not see.
+        let cell = 2.0 * c.radius_max + c.range;
+        Self {
+            dt: c.dt as f32,
+            gravity: c.spec.gravity.map(|x| x as f32),
+            damping: c.spec.local_damping as f32,
+            inverse: f(c.lattice.inverse),
+            unit: f(c.lattice.unit),
+            wrap: [0, 1, 2].map(|k| if c.lattice.periodic[k] { c.lattice.windows[k] as i32 } else { 0 }),
+            runaway: (cell * cell) as f32,
+        }
+    }
+}
+
+/// What a block's step finds.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Moved {
+    /// Largest square of a displacement since the last rebuild \[m²\].
+    pub displacement: f32,
+    /// Lowest particle that moved too far in one step, or is not a number.
+    pub runaway: Option<u32>,
+    /// Lost to local damping \[J\].
+    pub damped: f64,
+}
+
+/// Sums the contact forces and torques of a block's particles: as first of a pair in the order of candidates,
+/// as second in the order of the transposed lists, then surfaces.
+pub fn sum(
+    block: &Block,
+    blocks: &[Block],
+    incoming: &Incoming,
+    surface: &[SurfacePull],
+    mut each: impl FnMut(usize, [f32; 3], [f32; 3]),
+) {
+    let mut at = 0;
+    for local in 0..block.start.len() - 1 {
+        let mut f = [0.0_f32; 3];
+        let mut t = [0.0_f32; 3];
+        for k in block.start[local] as usize..block.start[local + 1] as usize {
+            if block.touching[k] {
+                let pull = &block.pull[k];
+                for x in 0..3 {
+                    f[x] += pull.force[x];
+                    t[x] += pull.torque[x];
+                }
+            }
+        }
+        let j = block.first + local;
+        for &(b, k) in &incoming.entry[incoming.start[j] as usize..incoming.start[j + 1] as usize] {
+            let other = &blocks[b as usize];
+            if other.touching[k as usize] {
+                let pull = &other.pull[k as usize];
+                for x in 0..3 {
+                    f[x] -= pull.force[x];
+                    t[x] += pull.torque_other[x];
+                }
+            }
+        }
+        while at < surface.len() && surface[at].local as usize == local {
+            for x in 0..3 {
+                f[x] += surface[at].force[x];
+                t[x] += surface[at].torque[x];
+            }
+            at += 1;
+        }
+        each(local, f, t);
+    }
+}
+
+/// Ahead of the force: schemes that move with the acceleration of the step before.
+#[inline(always)]
+pub fn before<S: Scheme>(c: &mut Columns<'_>, s: &Step, moved: &mut Moved) {
+    for i in 0..c.place.len() {
+        let mut dx = [0.0; 3];
+        let (v, w) = (c.velocity[i], c.spin[i]);
+        c.velocity_new[i] = v;
+        c.spin_new[i] = w;
+        for k in 0..3 {
+            let a = S::before(v.v[k], c.acceleration[i][k], s.dt);
+            c.velocity_new[i].v[k] = a.v;
+            dx[k] = a.dx;
+            c.spin_new[i].w[k] = S::before(w.w[k], c.angular[i][k], s.dt).v;
+        }
+        displace(c, s, i, dx, moved);
+    }
+}
+
+/// With the force `f` and torque `t` of particle `i` of the block.
+#[inline(always)]
+pub fn after<S: Scheme>(
+    c: &mut Columns<'_>,
+    s: &Step,
+    i: usize,
+    f: [f32; 3],
+    t: [f32; 3],
+    first: bool,
+    moved: &mut Moved,
+) {
+    let (v, w) = (c.velocity[i], c.spin[i]);
+    let radius = c.place[i].radius;
+    let inv_inertia = 2.5 * v.inv_mass / (radius * radius);
+    let mut dx = [0.0; 3];
+    c.velocity_new[i] = v;
+    c.spin_new[i] = w;
+    c.force[i] = f;
+    for k in 0..3 {
+        let free = f[k] * v.inv_mass + s.gravity[k];
+        let turning = t[k] * inv_inertia;
+        let (mut a, mut b) = (free, turning);
+        if s.damping > 0.0 {
+            a = locally_damped(v.v[k], free, s.damping, s.dt);
+            b = locally_damped(w.w[k], turning, s.damping, s.dt);
+        }
+        let old = if first { [a, b] } else { [c.acceleration[i][k], c.angular[i][k]] };
+        let x = S::after(v.v[k], a, old[0], s.dt);
+        let y = S::after(w.w[k], b, old[1], s.dt);
+        if s.damping > 0.0 {
+            let mass = 1.0 / f64::from(v.inv_mass);
+            let inertia = 1.0 / f64::from(inv_inertia);
+            let mid = |p: f32, q: f32| 0.5 * (f64::from(p) + f64::from(q)) * f64::from(s.dt);
+            moved.damped += mass * f64::from(free - a) * mid(v.v[k], x.v)
+                + inertia * f64::from(turning - b) * mid(w.w[k], y.v);
+        }
+        c.velocity_new[i].v[k] = x.v;
+        c.spin_new[i].w[k] = y.v;
+        dx[k] = x.dx;
+        c.acceleration[i][k] = a;
+        c.angular[i][k] = b;
+    }
+    displace(c, s, i, dx, moved);
+}
+
+/// Moves a particle by `dx` \[m\].
+#[inline(always)]
+fn displace(c: &mut Columns<'_>, s: &Step, i: usize, dx: [f32; 3], moved: &mut Moved) {
+    let d2 = dx[0] * dx[0] + dx[1] * dx[1] + dx[2] * dx[2];
+    // Not a number fails the comparison too.
+    if !(d2 <= s.runaway) {
+        moved.runaway.get_or_insert((c.first + i) as u32);
+        return;
+    }
+    let mut away = [0.0; 3];
+    for k in 0..3 {
+        let units = s.inverse[k][0] * dx[0] + s.inverse[k][1] * dx[1] + s.inverse[k][2] * dx[2];
+        let sum = c.rest[i][k] + units;
+        let whole = sum.round_ties_even();
+        c.rest[i][k] = sum - whole;
+        let lo = i64::from(c.place[i].lo[k]) + i64::from(whole as i32);
+        c.place[i].lo[k] = lo as u32;
+        let carry = (lo >> 32) as i32;
+        if carry != 0 {
+            let hi = c.hi[i][k] + carry;
+            c.hi[i][k] = if s.wrap[k] > 0 { hi.rem_euclid(s.wrap[k]) } else { hi };
+        }
+        away[k] = c.place[i].lo[k].wrapping_sub(c.lo_ref[i][k]) as i32 as f32;
+    }
+    let u = &s.unit;
+    let m = [0, 1, 2].map(|k| u[k][0] * away[0] + u[k][1] * away[1] + u[k][2] * away[2]);
+    moved.displacement = moved.displacement.max(m[0] * m[0] + m[1] * m[1] + m[2] * m[2]);
+}

@@ -1,0 +1,416 @@
+//! Contacts side by side: the laws evaluated over lanes of contacts, in loops that vectorise.
+//!
+//! All contacts in the lanes belong to one pair of materials, so laws and coefficients are the same for all
+//! of them and the choice of law is made once per loop.
+
+use glebe_physics::kernel::cohesion::{self, Cohesion};
+use glebe_physics::kernel::contact::{Coefficients, Touch, relative_velocity, tangential_part};
+use glebe_physics::kernel::normal::{self, Normal, NormalForce};
+use glebe_physics::kernel::rolling::{self, Roll, Rolling};
+use glebe_physics::kernel::tangential::{self, Friction, Tangential, carried, slide};
+use glebe_physics::kernel::vector::{V3, cross, dot, minus, plus, scaled};
+use glebe_physics::{Laws, PairCoefficients};
+
+use super::list::MEMORY;
+
+/// Contacts evaluated together.
+pub const LANES: usize = 64;
+
+/// One number per lane.
+pub type Lane = [f32; LANES];
+/// One vector per lane.
+pub type Lane3 = [Lane; 3];
+
+/// Coefficients of a pair in the precision of kernels.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Pair {
+    normal: Coefficients,
+    tangential: Coefficients,
+    rolling: Coefficients,
+    cohesion: Coefficients,
+    friction: Friction,
+    clip: f32,
+}
+
+impl Pair {
+    /// Rounds the coefficients of a pair.
+    pub fn new(p: &PairCoefficients) -> Self {
+        let k = |c: [f64; 4]| Coefficients { a: c[0] as f32, b: c[1] as f32, c: c[2] as f32, d: c[3] as f32 };
+        Self {
+            normal: k(p.normal),
+            tangential: k(p.tangential),
+            rolling: k(p.rolling),
+            cohesion: k(p.cohesion),
+            friction: Friction {
+                sliding: p.friction[0] as f32,
+                sticking: p.friction[1] as f32,
+                remember: p.remember as f32,
+                truncate: p.truncate as f32,
+            },
+            clip: p.clip as f32,
+        }
+    }
+}
+
+/// Contacts side by side: what they are given and what the laws find.
+pub struct Lanes {
+    /// From i to j, or from i to the surface \[m\].
+    pub d: [[f64; LANES]; 3],
+    /// Radii \[m\]; 0 for a surface.
+    pub radius: [Lane; 2],
+    /// Inverse masses \[1/kg\]; 0 for a surface.
+    pub inv_mass: [Lane; 2],
+    /// Velocities \[m/s\]; a surface's at the contact point.
+    pub v: [Lane3; 2],
+    /// Angular velocities \[rad/s\].
+    pub w: [Lane3; 2],
+    /// History, before and after.
+    pub history: [Lane; MEMORY],
+
+    /// Unit vector from i to j.
+    pub n: Lane3,
+    /// Overlap \[m\].
+    pub delta: Lane,
+    /// Lever arms \[m\].
+    pub arm: [Lane; 2],
+    r_eff: Lane,
+    m_eff: Lane,
+    diameter: Lane,
+    vn: Lane,
+    vt: Lane3,
+    elastic: Lane,
+    viscous: Lane,
+    stiffness: Lane,
+    attraction: Lane,
+    spring_stiffness: Lane,
+    spring_damping: Lane,
+
+    /// Force on i \[N\].
+    pub force: Lane3,
+    /// Torque on i and on j \[N m\].
+    pub torque: [Lane3; 2],
+    /// The dashpots' part of the force on i \[N\].
+    pub dash: Lane3,
+    /// Rolling torques \[N m\].
+    pub roll: [Lane3; 2],
+    /// Energy of normal spring and cohesion \[J\].
+    pub energy_normal: Lane,
+    /// Energy of the tangential spring \[J\].
+    pub energy_tangential: Lane,
+    /// Its energy before this step's motion, at the present stiffness \[J\].
+    pub energy_before: Lane,
+    /// Lost to friction in this step \[J\].
+    pub friction_loss: Lane,
+}
+
+impl Default for Lanes {
+    fn default() -> Self {
+        let l = [0.0; LANES];
+        let l3 = [l; 3];
+        Self {
+            d: [[0.0; LANES]; 3],
+            radius: [l; 2],
+            inv_mass: [l; 2],
+            v: [l3; 2],
+            w: [l3; 2],
+            history: [l; MEMORY],
+            n: l3,
+            delta: l,
+            arm: [l; 2],
+            r_eff: l,
+            m_eff: l,
+            diameter: l,
+            vn: l,
+            vt: l3,
+            elastic: l,
+            viscous: l,
+            stiffness: l,
+            attraction: l,
+            spring_stiffness: l,
+            spring_damping: l,
+            force: l3,
+            torque: [l3; 2],
+            dash: l3,
+            roll: [l3; 2],
+            energy_normal: l,
+            energy_tangential: l,
+            energy_before: l,
+            friction_loss: l,
+        }
+    }
+}
+
+#[inline(always)]
+fn at(a: &Lane3, l: usize) -> V3 {
+    V3 { x: a[0][l], y: a[1][l], z: a[2][l] }
+}
+
+#[inline(always)]
+fn put(a: &mut Lane3, l: usize, v: V3) {
+    a[0][l] = v.x;
+    a[1][l] = v.y;
+    a[2][l] = v.z;
+}
+
+impl Lanes {
+    /// Copies lane 0 into the lanes from `used` on, so that whole vectors can be evaluated.
+    #[inline(always)]
+    pub fn pad(&mut self, used: usize) {
+        let end = used.next_multiple_of(16).min(LANES);
+        let lanes = self
+            .radius
+            .iter_mut()
+            .chain(&mut self.inv_mass)
+            .chain(self.v.iter_mut().flatten())
+            .chain(self.w.iter_mut().flatten())
+            .chain(&mut self.history);
+        for lane in lanes {
+            let first = lane[0];
+            lane[used..end].fill(first);
+        }
+        for lane in &mut self.d {
+            let first = lane[0];
+            lane[used..end].fill(first);
+        }
+    }
+
+    /// Normal, overlap and lever arms of pairs of spheres. Distances are taken in f64 from exact
+    /// differences: an overlap of 1e-8 of the radius keeps its digits.
+    #[inline(always)]
+    pub fn between_spheres(&mut self, used: usize) {
+        let used = used.next_multiple_of(16).min(LANES);
+        for l in 0..used {
+            let (x, y, z) = (self.d[0][l], self.d[1][l], self.d[2][l]);
+            let (ri, rj) = (self.radius[0][l], self.radius[1][l]);
+            let s = f64::from(ri) + f64::from(rj);
+            let d2 = x * x + y * y + z * z;
+            let distance = d2.sqrt();
+            let inverse = 1.0 / distance;
+            self.n[0][l] = (x * inverse) as f32;
+            self.n[1][l] = (y * inverse) as f32;
+            self.n[2][l] = (z * inverse) as f32;
+            let delta = (s - distance) as f32;
+            self.delta[l] = delta;
+            self.arm[0][l] = ri - 0.5 * delta;
+            self.arm[1][l] = rj - 0.5 * delta;
+            let r_eff = ri * rj / (ri + rj);
+            self.r_eff[l] = r_eff;
+            self.diameter[l] = 4.0 * r_eff;
+        }
+    }
+
+    /// The same for spheres on surfaces: `d` points to the contact point.
+    #[inline(always)]
+    pub fn on_surfaces(&mut self, used: usize) {
+        let used = used.next_multiple_of(16).min(LANES);
+        for l in 0..used {
+            let (x, y, z) = (self.d[0][l], self.d[1][l], self.d[2][l]);
+            let ri = self.radius[0][l];
+            let distance = (x * x + y * y + z * z).sqrt();
+            let inverse = 1.0 / distance;
+            self.n[0][l] = (x * inverse) as f32;
+            self.n[1][l] = (y * inverse) as f32;
+            self.n[2][l] = (z * inverse) as f32;
+            self.delta[l] = (f64::from(ri) - distance) as f32;
+            self.arm[0][l] = distance as f32;
+            self.arm[1][l] = 0.0;
+            self.r_eff[l] = ri;
+            self.diameter[l] = 2.0 * ri;
+        }
+    }
+
+    /// Evaluates the laws of a pair of materials for a step `dt` \[s\].
+    #[inline(always)]
+    pub fn evaluate(&mut self, used: usize, laws: Laws, pair: &Pair, dt: f32) {
+        let used = used.next_multiple_of(16).min(LANES);
+        self.kinematics(used);
+        laws.cohesion.visit(CohesionLoop(self, used, &pair.cohesion));
+        laws.normal.visit(NormalLoop(self, used, pair));
+        let offset = laws.normal.history().len();
+        laws.tangential.visit(TangentialLoop(self, used, pair));
+        if laws.tangential.history().is_empty() {
+            self.without_friction(used);
+        } else {
+            self.slide(used, offset, &pair.friction, dt);
+        }
+        laws.rolling.visit(RollingLoop(self, used, &pair.rolling, dt));
+    }
+
+    #[inline(always)]
+    fn kinematics(&mut self, used: usize) {
+        for l in 0..used {
+            let n = at(&self.n, l);
+            let u = relative_velocity(
+                at(&self.v[0], l),
+                at(&self.v[1], l),
+                at(&self.w[0], l),
+                at(&self.w[1], l),
+                n,
+                self.arm[0][l],
+                self.arm[1][l],
+            );
+            self.vn[l] = dot(u, n);
+            put(&mut self.vt, l, tangential_part(u, n));
+            self.m_eff[l] = 1.0 / (self.inv_mass[0][l] + self.inv_mass[1][l]);
+        }
+    }
+
+    #[inline(always)]
+    fn touch(&self, l: usize) -> Touch {
+        Touch {
+            delta: self.delta[l],
+            vn: self.vn[l],
+            r_eff: self.r_eff[l],
+            m_eff: self.m_eff[l],
+            diameter: self.diameter[l],
+        }
+    }
+
+    /// The normal force without cohesion, which friction and rolling resistance act on.
+    #[inline(always)]
+    fn load(&self, l: usize) -> f32 {
+        self.elastic[l] + self.viscous[l]
+    }
+
+    #[inline(always)]
+    fn without_friction(&mut self, used: usize) {
+        for l in 0..used {
+            let n = at(&self.n, l);
+            let load = self.load(l);
+            put(&mut self.force, l, scaled(n, self.attraction[l] - load));
+            put(&mut self.dash, l, scaled(n, -self.viscous[l]));
+            for k in 0..3 {
+                self.torque[0][k][l] = 0.0;
+                self.torque[1][k][l] = 0.0;
+            }
+            self.energy_tangential[l] = 0.0;
+            self.energy_before[l] = 0.0;
+            self.friction_loss[l] = 0.0;
+        }
+    }
+
+    #[inline(always)]
+    fn slide(&mut self, used: usize, offset: usize, friction: &Friction, dt: f32) {
+        let history = &mut self.history[offset..offset + 4];
+        for l in 0..used {
+            let n = V3 { x: self.n[0][l], y: self.n[1][l], z: self.n[2][l] };
+            let spin = plus(at(&self.w[0], l), at(&self.w[1], l));
+            let stretch = V3 { x: history[0][l], y: history[1][l], z: history[2][l] };
+            let stretch = carried(stretch, n, 0.5 * dt * dot(spin, n));
+            let spring =
+                tangential::Spring { stiffness: self.spring_stiffness[l], damping: self.spring_damping[l] };
+            let load = self.elastic[l] + self.viscous[l];
+            let t = slide(stretch, history[3][l], spring, *friction, load, at(&self.vt, l), dt);
+            history[0][l] = t.stretch.x;
+            history[1][l] = t.stretch.y;
+            history[2][l] = t.stretch.z;
+            history[3][l] = t.slip;
+            let couple = cross(n, t.force);
+            put(&mut self.force, l, plus(scaled(n, self.attraction[l] - load), t.force));
+            put(&mut self.dash, l, plus(scaled(n, -self.viscous[l]), minus(t.force, t.spring)));
+            put(&mut self.torque[0], l, scaled(couple, self.arm[0][l]));
+            put(&mut self.torque[1], l, scaled(couple, self.arm[1][l]));
+            self.energy_tangential[l] = t.energy;
+            self.energy_before[l] = t.energy_before;
+            self.friction_loss[l] = t.friction_loss;
+        }
+    }
+}
+
+struct CohesionLoop<'a>(&'a mut Lanes, usize, &'a Coefficients);
+
+impl cohesion::Visitor for CohesionLoop<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn visit<L: Cohesion>(self) {
+        let Self(lanes, used, k) = self;
+        for l in 0..used {
+            let a = L::attraction(k, lanes.touch(l));
+            lanes.attraction[l] = a.force;
+            lanes.energy_normal[l] = a.energy;
+        }
+    }
+}
+
+struct NormalLoop<'a>(&'a mut Lanes, usize, &'a Pair);
+
+impl normal::Visitor for NormalLoop<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn visit<L: Normal>(self) {
+        let Self(lanes, used, pair) = self;
+        for l in 0..used {
+            let f = normal::ended(L::force(&pair.normal, lanes.touch(l)), pair.clip);
+            lanes.elastic[l] = f.elastic;
+            lanes.viscous[l] = f.viscous;
+            lanes.stiffness[l] = f.stiffness;
+            lanes.energy_normal[l] += f.energy;
+        }
+    }
+}
+
+struct TangentialLoop<'a>(&'a mut Lanes, usize, &'a Pair);
+
+impl tangential::Visitor for TangentialLoop<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn visit<L: Tangential>(self) {
+        let Self(lanes, used, pair) = self;
+        for l in 0..used {
+            let n = NormalForce {
+                elastic: lanes.elastic[l],
+                viscous: lanes.viscous[l],
+                stiffness: lanes.stiffness[l],
+                energy: lanes.energy_normal[l],
+            };
+            let s = L::spring(&pair.tangential, lanes.touch(l), n);
+            lanes.spring_stiffness[l] = s.stiffness;
+            lanes.spring_damping[l] = s.damping;
+        }
+    }
+}
+
+struct RollingLoop<'a>(&'a mut Lanes, usize, &'a Coefficients, f32);
+
+impl rolling::Visitor for RollingLoop<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn visit<L: Rolling>(self) {
+        let Self(lanes, used, k, dt) = self;
+        for l in 0..used {
+            let n = at(&lanes.n, l);
+            let tangential = tangential_part(at(&lanes.force, l), n);
+            let inertia = |s: usize| {
+                let r = lanes.radius[s][l];
+                let inverse = 2.5 * lanes.inv_mass[s][l] / (r * r);
+                if r > 0.0 { inverse } else { 0.0 }
+            };
+            let t = L::torques(
+                k,
+                Roll {
+                    n,
+                    wi: at(&lanes.w[0], l),
+                    wj: at(&lanes.w[1], l),
+                    couple: cross(n, tangential),
+                    arm_i: lanes.arm[0][l],
+                    arm_j: lanes.arm[1][l],
+                    r_i: lanes.radius[0][l],
+                    r_j: lanes.radius[1][l],
+                    inv_inertia_i: inertia(0),
+                    inv_inertia_j: inertia(1),
+                    r_eff: lanes.r_eff[l],
+                    load: f32::max(lanes.load(l), 0.0),
+                    dt,
+                },
+            );
+            put(&mut lanes.roll[0], l, t.on_i);
+            put(&mut lanes.roll[1], l, t.on_j);
+            for (k, (on_i, on_j)) in
+                [(t.on_i.x, t.on_j.x), (t.on_i.y, t.on_j.y), (t.on_i.z, t.on_j.z)].into_iter().enumerate()
+            {
+                lanes.torque[0][k][l] += on_i;
+                lanes.torque[1][k][l] += on_j;
+            }
+        }
+    }
+}

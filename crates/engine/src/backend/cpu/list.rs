@@ -1,0 +1,505 @@
+//! Neighbour lists: which particles and surfaces may touch before the next rebuild.
+//!
+//! Particles are ordered by size level, then by rows of cells along the first axis, then by position along
+//! the row. A particle looks through the nine rows around its own in its level and in every coarser one,
+//! within a window along the row: memory follows particles, never empty space, and small particles do not
+//! pay for the cells of large ones.
+//!
+//! A list is a pure function of the reference configuration (places at the last rebuild, in their order), so
+//! a checkpoint stores that and not the list.
+
+use rayon::prelude::*;
+
+use crate::lattice::{Lattice, dot, sub};
+use crate::setup::{BoundaryShape, Constants, LEVEL_RATIO};
+use crate::spec::{Pose, Vec3};
+use crate::state::{ContactMemory, Particles, Progress, SurfaceMemory};
+
+/// Particles per block: the unit of parallel work. Fixed, so that results do not depend on threads.
+pub const BLOCK: usize = 256;
+
+/// Most floats that laws may remember per contact.
+pub const MEMORY: usize = 8;
+
+/// Candidates of a run of particles and what their contacts remember.
+#[derive(Debug, Default)]
+pub struct Block {
+    /// First particle.
+    pub first: usize,
+    /// Candidates of particle `first + l` are `start[l]..start[l + 1]`.
+    pub start: Vec<u32>,
+    /// The other particle of each candidate; each pair stands once.
+    pub partner: Vec<u32>,
+    /// Whether the pair touched in the last step.
+    pub touching: Vec<bool>,
+    /// History, a fixed number of floats per candidate, seen from this block's particle.
+    pub history: Vec<f32>,
+    /// What the last step found for each touching candidate.
+    pub pull: Vec<Pull>,
+    /// Candidates with surfaces.
+    pub patches: Vec<Patch>,
+    /// Triangles of the patches.
+    pub triangles: Vec<u32>,
+}
+
+/// Force and torques of a pair.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Pull {
+    /// Force on the first \[N\].
+    pub force: [f32; 3],
+    /// Torque on the first \[N m\].
+    pub torque: [f32; 3],
+    /// Torque on the second \[N m\].
+    pub torque_other: [f32; 3],
+}
+
+/// A particle near a surface.
+#[derive(Clone, Debug)]
+pub struct Patch {
+    /// Particle, counted from the block's first.
+    pub local: u32,
+    /// Boundary.
+    pub boundary: u32,
+    /// Image of the particle that is near, in periods along each axis.
+    pub shift: [i8; 3],
+    /// Range in the block's triangles; empty for planes.
+    pub triangles: (u32, u32),
+    /// Contacts of the last step.
+    pub contacts: Vec<Touching>,
+}
+
+/// A contact with a surface.
+#[derive(Clone, Copy, Debug)]
+pub struct Touching {
+    /// Unit vector into the surface.
+    pub n: [f32; 3],
+    /// History.
+    pub history: [f32; MEMORY],
+}
+
+/// Where contact memory is taken from when lists are built.
+pub enum Memory<'a> {
+    /// The lists before, with the old index of each particle.
+    Lists(&'a [Block], &'a [u32]),
+    /// A stored state: ascending by numbers.
+    Stored(&'a [ContactMemory], &'a [SurfaceMemory]),
+}
+
+/// For each particle, the candidates of other particles that it is the second of: (block, candidate).
+#[derive(Debug, Default)]
+pub struct Incoming {
+    /// Entries of particle j are `start[j]..start[j + 1]`.
+    pub start: Vec<u32>,
+    /// Block and candidate.
+    pub entry: Vec<(u32, u32)>,
+}
+
+/// A size level and its rows.
+struct Level {
+    radius: f64,
+    /// Cells per window.
+    cells: [u32; 3],
+    /// Cells along each axis; only for periodic axes.
+    count: [i64; 3],
+    rows: Vec<Row>,
+}
+
+#[derive(Clone, Copy)]
+struct Row {
+    at: [i32; 2],
+    begin: u32,
+    end: u32,
+}
+
+/// Sort key: level, row (third axis before second), units along the row, number.
+type Key = (u8, i32, i32, i64, u32);
+
+/// The size level of a radius: radii of a level differ at most by [`LEVEL_RATIO`].
+fn level_of(radius: f64, largest: f64) -> u8 {
+    let mut limit = largest / LEVEL_RATIO;
+    let mut level = 0;
+    while radius <= limit && level < 30 {
+        limit /= LEVEL_RATIO;
+        level += 1;
+    }
+    level
+}
+
+/// Cell of a reference place along an axis with `cells` per window.
+fn cell(hi: i32, lo: u32, cells: u32) -> i32 {
+    hi * cells as i32 + ((u64::from(lo) * u64::from(cells)) >> 32) as i32
+}
+
+fn levels(c: &Constants, p: &Particles, skin: f64) -> Vec<Level> {
+    let mut largest: Vec<f64> = Vec::new();
+    for place in &p.place {
+        let l = usize::from(level_of(f64::from(place.radius), c.radius_max));
+        if largest.len() <= l {
+            largest.resize(l + 1, 0.0);
+        }
+        largest[l] = largest[l].max(f64::from(place.radius));
+    }
+    largest
+        .into_iter()
+        .map(|radius| {
+            let cutoff = 2.0 * radius + c.range + skin;
+            // Rounding must not make a cell smaller than the cut-off.
+            let cells =
+                c.lattice.height.map(|h| ((h / cutoff) * (1.0 - 1e-9)).floor().clamp(1.0, 1e6) as u32);
+            let count = [0, 1, 2].map(|k| i64::from(cells[k]) * i64::from(c.lattice.windows[k]));
+            Level { radius, cells, count, rows: Vec::new() }
+        })
+        .collect()
+}
+
+/// The order in which particles are stored: neighbours in space are neighbours in memory.
+pub fn order(c: &Constants, p: &Particles, skin: f64) -> Vec<u32> {
+    let levels = levels(c, p, skin);
+    let key = |i: usize| -> Key {
+        let level = level_of(f64::from(p.place[i].radius), c.radius_max);
+        let cells = levels[usize::from(level)].cells;
+        let (hi, lo) = (p.hi[i], p.place[i].lo);
+        let row = [1, 2].map(|k| cell(hi[k], lo[k], cells[k]));
+        (level, row[1], row[0], Lattice::units(hi[0], lo[0]), p.id[i])
+    };
+    let mut keyed: Vec<(Key, u32)> = (0..p.len()).map(|i| (key(i), i as u32)).collect();
+    // Stable and adaptive: particles hardly change places between rebuilds.
+    keyed.par_sort();
+    keyed.into_iter().map(|(_, i)| i).collect()
+}
+
+/// Builds the lists of the reference configuration, whose order is that of [`order`].
+pub fn build(
+    c: &Constants,
+    p: &Particles,
+    g: &Progress,
+    boundaries: &[Option<Pose>],
+    memory: &Memory<'_>,
+) -> Vec<Block> {
+    let mut levels = levels(c, p, g.skin);
+    let mut along = Vec::with_capacity(p.len());
+    let mut of = Vec::with_capacity(p.len());
+    for i in 0..p.len() {
+        let (hi, lo) = (p.hi_ref[i], p.lo_ref[i]);
+        along.push(Lattice::units(hi[0], lo[0]));
+        let l = level_of(f64::from(p.place[i].radius), c.radius_max);
+        of.push(l);
+        let level = &mut levels[usize::from(l)];
+        let at = [1, 2].map(|k| cell(hi[k], lo[k], level.cells[k]));
+        match level.rows.last_mut() {
+            Some(row) if row.at == at => row.end += 1,
+            _ => level.rows.push(Row { at, begin: i as u32, end: i as u32 + 1 }),
+        }
+    }
+    let search = Search { c, p, levels: &levels, along: &along, of: &of, skin: g.skin };
+    let blocks = p.len().div_ceil(BLOCK);
+    (0..blocks)
+        .into_par_iter()
+        .map(|b| {
+            let mut block = search.block(b * BLOCK, ((b + 1) * BLOCK).min(p.len()));
+            search.surfaces(&mut block, boundaries);
+            recall(c, p, &mut block, memory);
+            block
+        })
+        .collect()
+}
+
+struct Search<'a> {
+    c: &'a Constants,
+    p: &'a Particles,
+    levels: &'a [Level],
+    along: &'a [i64],
+    of: &'a [u8],
+    skin: f64,
+}
+
+impl Search<'_> {
+    fn block(&self, first: usize, end: usize) -> Block {
+        let mut block = Block { first, start: vec![0], ..Block::default() };
+        block.partner.reserve(8 * (end - first));
+        // Neighbours in the order mostly share their row, and so the rows around it.
+        let mut around: Vec<([i32; 2], Vec<(u32, u32)>)> =
+            vec![([i32::MIN; 2], Vec::new()); self.levels.len()];
+        for i in first..end {
+            for l in 0..=usize::from(self.of[i]) {
+                let cells = self.levels[l].cells;
+                let at = [1, 2].map(|k| cell(self.p.hi_ref[i][k], self.p.lo_ref[i][k], cells[k]));
+                if around[l].0 != at {
+                    around[l].0 = at;
+                    self.rows_around(at, l, &mut around[l].1);
+                }
+                for &(begin, end) in &around[l].1 {
+                    self.row(i, l, begin as usize, end as usize, &mut block.partner);
+                }
+            }
+            block.start.push(block.partner.len() as u32);
+        }
+        block
+    }
+
+    /// The rows of level `l` around the row `center`, each once, in the order of storage.
+    fn rows_around(&self, center: [i32; 2], l: usize, found: &mut Vec<(u32, u32)>) {
+        let level = &self.levels[l];
+        found.clear();
+        let mut near = [[0_i32; 3]; 2];
+        let mut n = [0; 2];
+        for (a, axis) in [1, 2].into_iter().enumerate() {
+            for d in -1..=1 {
+                let mut at = center[a] + d;
+                if self.c.lattice.periodic[axis] {
+                    at = i64::from(at).rem_euclid(level.count[axis]) as i32;
+                }
+                if !near[a][..n[a]].contains(&at) {
+                    near[a][n[a]] = at;
+                    n[a] += 1;
+                }
+            }
+        }
+        for &z in &near[1][..n[1]] {
+            for &y in &near[0][..n[0]] {
+                if let Ok(k) = level.rows.binary_search_by(|r| (r.at[1], r.at[0]).cmp(&(z, y))) {
+                    found.push((level.rows[k].begin, level.rows[k].end));
+                }
+            }
+        }
+    }
+
+    /// Candidates of `i` in one row of level `l`.
+    fn row(&self, i: usize, l: usize, begin: usize, end: usize, partner: &mut Vec<u32>) {
+        let same = usize::from(self.of[i]) == l;
+        // Within a level each pair stands at the particle that is stored first.
+        let begin = if same { begin.max(i + 1) } else { begin };
+        if begin >= end {
+            return;
+        }
+        let lattice = &self.c.lattice;
+        let ri = f64::from(self.p.place[i].radius);
+        let beyond = self.c.range + self.skin;
+        let reach =
+            ((ri + self.levels[l].radius + beyond) / lattice.height[0] * crate::lattice::UNITS) as i64 + 1;
+        let span = i64::from(lattice.windows[0]) << 32;
+        let images: &[i64] = if lattice.periodic[0] { &[0, -1, 1] } else { &[0] };
+        let row = &self.along[begin..end];
+        for &image in images {
+            let at = self.along[i] + image * span;
+            let from = row.partition_point(|&x| x < at - reach);
+            for (k, &x) in row.iter().enumerate().skip(from) {
+                if x > at + reach {
+                    break;
+                }
+                let j = begin + k;
+                let d = self.between(i, j);
+                let s = ri + f64::from(self.p.place[j].radius) + beyond;
+                if dot(d, d) < s * s {
+                    partner.push(j as u32);
+                }
+            }
+        }
+    }
+
+    /// From i to the nearest image of j in the reference configuration \[m\].
+    fn between(&self, i: usize, j: usize) -> Vec3 {
+        let (p, lattice) = (self.p, &self.c.lattice);
+        let d = [0, 1, 2].map(|k| {
+            let a = Lattice::units(p.hi_ref[i][k], p.lo_ref[i][k]);
+            let b = Lattice::units(p.hi_ref[j][k], p.lo_ref[j][k]);
+            lattice.difference(k, a, b)
+        });
+        lattice.metres(d)
+    }
+
+    /// Candidates with surfaces: those within reach of the present poses.
+    fn surfaces(&self, block: &mut Block, boundaries: &[Option<Pose>]) {
+        let count = block.start.len() - 1;
+        for local in 0..count {
+            let i = block.first + local;
+            let at = self.c.lattice.decode(self.p.hi_ref[i], self.p.lo_ref[i], [0.0; 3]);
+            let reach = f64::from(self.p.place[i].radius) + self.c.range + self.skin;
+            for (b, pose) in boundaries.iter().enumerate() {
+                let Some(pose) = pose else { continue };
+                match &self.c.boundaries[b].shape {
+                    BoundaryShape::Plane(normal) => {
+                        let n = crate::surface::rotate(pose.rotation, *normal);
+                        if dot(n, sub(at, pose.translation)) < reach {
+                            block.patches.push(patch(local, b, [0; 3], (0, 0)));
+                        }
+                    }
+                    BoundaryShape::Mesh(_, bvh) => {
+                        for shift in self.images() {
+                            let x = pose.inverse(self.c.shifted(at, shift));
+                            let begin = block.triangles.len();
+                            bvh.near(x, reach, &mut block.triangles);
+                            block.triangles[begin..].sort_unstable();
+                            let end = block.triangles.len();
+                            if end > begin {
+                                let range = (begin as u32, end as u32);
+                                block.patches.push(patch(local, b, shift, range));
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Images in which a particle may meet a mesh.
+    fn images(&self) -> impl Iterator<Item = [i8; 3]> + use<> {
+        let range = self.c.lattice.periodic.map(|p| if p { -1..=1_i8 } else { 0..=0 });
+        let [x, y, z] = range;
+        x.flat_map(move |a| {
+            let z = z.clone();
+            y.clone().flat_map(move |b| z.clone().map(move |c| [a, b, c]))
+        })
+    }
+}
+
+impl Constants {
+    /// A position moved by whole periods.
+    pub fn shifted(&self, x: Vec3, shift: [i8; 3]) -> Vec3 {
+        if shift == [0; 3] {
+            return x;
+        }
+        crate::lattice::add(x, crate::lattice::mul(&self.spec.domain.cell, shift.map(f64::from)))
+    }
+}
+
+fn patch(local: usize, boundary: usize, shift: [i8; 3], triangles: (u32, u32)) -> Patch {
+    Patch { local: local as u32, boundary: boundary as u32, shift, triangles, contacts: Vec::new() }
+}
+
+/// Gives the candidates of a new block what their contacts remember.
+fn recall(c: &Constants, p: &Particles, block: &mut Block, memory: &Memory<'_>) {
+    let h = c.history.len();
+    let n = block.partner.len();
+    block.touching = vec![false; n];
+    block.history = vec![0.0; n * h];
+    block.pull = vec![Pull::default(); n];
+    for local in 0..block.start.len() - 1 {
+        let i = block.first + local;
+        for k in block.start[local] as usize..block.start[local + 1] as usize {
+            let j = block.partner[k] as usize;
+            if let Some((history, swapped)) = memory.pair(p, i, j, h) {
+                block.touching[k] = true;
+                for (f, new) in block.history[k * h..(k + 1) * h].iter_mut().enumerate() {
+                    *new = if swapped { history[f] * c.history[f] } else { history[f] };
+                }
+            }
+        }
+    }
+    for patch in &mut block.patches {
+        patch.contacts = memory.surface(p, block.first + patch.local as usize, patch, h);
+    }
+}
+
+impl Memory<'_> {
+    /// The history of the pair (i, j) and whether it is seen from j.
+    fn pair(&self, p: &Particles, i: usize, j: usize, h: usize) -> Option<(&[f32], bool)> {
+        match self {
+            Self::Lists(blocks, old) => {
+                let (oi, oj) = (old[i] as usize, old[j] as usize);
+                let find = |a: usize, b: usize| {
+                    let block = &blocks[a / BLOCK];
+                    let local = a % BLOCK;
+                    let (from, to) = (block.start[local] as usize, block.start[local + 1] as usize);
+                    let k = from + block.partner[from..to].iter().position(|&x| x as usize == b)?;
+                    block.touching[k].then(|| &block.history[k * h..(k + 1) * h])
+                };
+                find(oi, oj).map(|x| (x, false)).or_else(|| find(oj, oi).map(|x| (x, true)))
+            }
+            Self::Stored(contacts, _) => {
+                let (a, b) = (p.id[i], p.id[j]);
+                let id = [a.min(b), a.max(b)];
+                let k = contacts.binary_search_by(|m| m.id.cmp(&id)).ok()?;
+                Some((&contacts[k].history, a > b))
+            }
+        }
+    }
+
+    /// The contacts of particle i with the surface of `patch`.
+    fn surface(&self, p: &Particles, i: usize, patch: &Patch, h: usize) -> Vec<Touching> {
+        match self {
+            Self::Lists(blocks, old) => {
+                let o = old[i] as usize;
+                let block = &blocks[o / BLOCK];
+                let local = (o % BLOCK) as u32;
+                let from = block.patches.partition_point(|q| q.local < local);
+                block.patches[from..]
+                    .iter()
+                    .take_while(|q| q.local == local)
+                    .find(|q| q.boundary == patch.boundary && q.shift == patch.shift)
+                    .map_or_else(Vec::new, |q| q.contacts.clone())
+            }
+            Self::Stored(_, surfaces) => {
+                let key = (p.id[i], patch.boundary, patch.shift);
+                let from = surfaces.partition_point(|m| (m.id, m.surface, m.shift) < key);
+                surfaces[from..]
+                    .iter()
+                    .take_while(|m| (m.id, m.surface, m.shift) == key)
+                    .map(|m| {
+                        let mut history = [0.0; MEMORY];
+                        history[..h].copy_from_slice(&m.history);
+                        Touching { n: m.n, history }
+                    })
+                    .collect()
+            }
+        }
+    }
+}
+
+/// The transposed lists.
+pub fn incoming(blocks: &[Block], n: usize) -> Incoming {
+    let mut start = vec![0_u32; n + 1];
+    for block in blocks {
+        for &j in &block.partner {
+            start[j as usize + 1] += 1;
+        }
+    }
+    for j in 0..n {
+        start[j + 1] += start[j];
+    }
+    let mut next = start.clone();
+    let mut entry = vec![(0, 0); start[n] as usize];
+    for (b, block) in blocks.iter().enumerate() {
+        for (k, &j) in block.partner.iter().enumerate() {
+            let at = &mut next[j as usize];
+            entry[*at as usize] = (b as u32, k as u32);
+            *at += 1;
+        }
+    }
+    Incoming { start, entry }
+}
+
+/// What contacts remember, in a form that no backend's layout shows in.
+pub fn memories(c: &Constants, p: &Particles, blocks: &[Block]) -> (Vec<ContactMemory>, Vec<SurfaceMemory>) {
+    let h = c.history.len();
+    let (mut contacts, mut surfaces) = (Vec::new(), Vec::new());
+    for block in blocks {
+        for local in 0..block.start.len() - 1 {
+            let a = p.id[block.first + local];
+            for k in block.start[local] as usize..block.start[local + 1] as usize {
+                if !block.touching[k] {
+                    continue;
+                }
+                let b = p.id[block.partner[k] as usize];
+                let mut history = block.history[k * h..(k + 1) * h].to_vec();
+                if a > b {
+                    history.iter_mut().zip(&c.history).for_each(|(x, sign)| *x *= sign);
+                }
+                contacts.push(ContactMemory { id: [a.min(b), a.max(b)], history });
+            }
+        }
+        for q in &block.patches {
+            let id = p.id[block.first + q.local as usize];
+            surfaces.extend(q.contacts.iter().map(|t| SurfaceMemory {
+                id,
+                surface: q.boundary,
+                shift: q.shift,
+                n: t.n,
+                history: t.history[..h].to_vec(),
+            }));
+        }
+    }
+    contacts.sort_unstable_by_key(|m| m.id);
+    surfaces.sort_by_key(|m| (m.id, m.surface, m.shift));
+    (contacts, surfaces)
+}

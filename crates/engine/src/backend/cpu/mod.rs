@@ -1,0 +1,681 @@
+//! The CPU backend: every pair evaluated once, in lanes; sums in a fixed order, so that the same bits come
+//! out for any number of threads and any width of vector unit.
+//!
+//! A step has three phases over blocks of particles: contacts write what they find beside their
+//! candidate; each particle sums its contacts in a fixed order and moves; the ledger, if kept, takes
+//! dissipation with velocities at mid-step.
+
+mod contacts;
+mod integrate;
+mod lanes;
+mod list;
+
+use std::cell::RefCell;
+use std::sync::Arc;
+use std::time::Instant;
+
+use glebe_physics::IntegratorKind;
+use glebe_physics::kernel::integrate::{Scheme, Visitor, visit};
+use glebe_physics::kernel::vector::V3;
+use rayon::prelude::*;
+
+use self::contacts::{Found, Phase, Purpose, Scratch, Standing, dissipated, run};
+use self::integrate::{Columns, Moved, Step, after, before, sum};
+use self::lanes::Pair;
+use self::list::{BLOCK, Block, Incoming, Memory};
+use super::{Detail, Fleet, Job, Moment, PhaseTimes};
+use crate::failure::Failure;
+use crate::lattice::{Lattice, norm, sub};
+use crate::setup::{BoundaryShape, Constants, SKIN_MAX};
+use crate::spec::{Pose, Vec3};
+use crate::state::{Lost, Particles, Progress, Spin, State, Velocity};
+use crate::surface::rotate;
+
+thread_local! {
+    static SCRATCH: RefCell<Scratch> = RefCell::default();
+}
+
+/// Worlds on the CPU. They run side by side, and large ones also on several threads inside.
+pub struct CpuFleet {
+    worlds: Vec<CpuWorld>,
+}
+
+impl CpuFleet {
+    /// Takes worlds in.
+    pub fn new(worlds: Vec<(Arc<Constants>, &mut State)>) -> Self {
+        Self { worlds: worlds.into_iter().map(|(c, s)| CpuWorld::new(c, s)).collect() }
+    }
+}
+
+impl Fleet for CpuFleet {
+    fn advance(&mut self, jobs: &mut [Job<'_>]) {
+        let mut worlds: Vec<Option<&mut CpuWorld>> = self.worlds.iter_mut().map(Some).collect();
+        let paired: Vec<_> = jobs.iter_mut().filter_map(|j| Some((worlds[j.world].take()?, j))).collect();
+        paired.into_par_iter().for_each(|(world, job)| {
+            job.outcome = (0..job.steps).try_for_each(|_| world.step(job.progress));
+        });
+    }
+
+    fn observe(&mut self, world: usize, progress: &Progress) -> Moment {
+        self.worlds[world].observe(progress)
+    }
+
+    fn detail(&mut self, world: usize, progress: &Progress) -> Detail {
+        self.worlds[world].detail(progress)
+    }
+
+    fn state(&self, world: usize, progress: &Progress) -> State {
+        let w = &self.worlds[world];
+        let (contacts, surface_contacts) = list::memories(&w.c, &w.p, &w.blocks);
+        State { particles: w.p.clone(), contacts, surface_contacts, progress: progress.clone() }
+    }
+
+    fn load(&mut self, world: usize, state: &mut State) {
+        self.worlds[world].load(state);
+    }
+
+    fn times(&self, world: usize) -> PhaseTimes {
+        self.worlds[world].times
+    }
+
+    fn bytes_per_particle(&self, world: usize) -> f64 {
+        self.worlds[world].bytes() as f64 / self.worlds[world].p.len().max(1) as f64
+    }
+}
+
+struct CpuWorld {
+    c: Arc<Constants>,
+    p: Particles,
+    blocks: Vec<Block>,
+    incoming: Incoming,
+    found: Vec<Found>,
+    moved: Vec<Moved>,
+    pairs: Vec<Pair>,
+    standing: Vec<Standing>,
+    velocity_new: Vec<Velocity>,
+    spin_new: Vec<Spin>,
+    step: Step,
+    times: PhaseTimes,
+}
+
+impl CpuWorld {
+    fn new(c: Arc<Constants>, state: &mut State) -> Self {
+        let mut world = Self {
+            pairs: c.pairs.iter().map(Pair::new).collect(),
+            step: Step::new(&c),
+            standing: c.boundaries.iter().map(|_| Standing::default()).collect(),
+            c,
+            p: Particles::default(),
+            blocks: Vec::new(),
+            incoming: Incoming::default(),
+            found: Vec::new(),
+            moved: Vec::new(),
+            velocity_new: Vec::new(),
+            spin_new: Vec::new(),
+            times: PhaseTimes::default(),
+        };
+        world.load(state);
+        world
+    }
+
+    fn load(&mut self, state: &mut State) {
+        self.p = state.particles.clone();
+        let g = &mut state.progress;
+        let memory = Memory::Stored(&state.contacts, &state.surface_contacts);
+        if g.stale {
+            self.reorder(g);
+            self.refer(g);
+            g.stale = false;
+            g.rebuilt = g.step;
+            g.rebuilds += 1;
+        }
+        self.blocks = list::build(&self.c, &self.p, g, &self.reference_poses(g), &memory);
+        self.prepare_buffers();
+    }
+
+    /// Puts the particles in the order of lists; returns the old index of each.
+    fn reorder(&mut self, g: &Progress) -> Vec<u32> {
+        let order = list::order(&self.c, &self.p, g.skin);
+        self.p.reorder(&order);
+        order
+    }
+
+    /// Makes the present configuration the reference of lists.
+    fn refer(&mut self, g: &mut Progress) {
+        self.p.hi_ref.clone_from(&self.p.hi);
+        self.p.lo_ref.clear();
+        self.p.lo_ref.extend(self.p.place.iter().map(|p| p.lo));
+        for (s, surface) in g.surfaces.clone().into_iter().enumerate() {
+            g.surfaces[s].reference = surface.placed(&self.c, s, g).pose;
+        }
+    }
+
+    fn reference_poses(&self, g: &Progress) -> Vec<Option<Pose>> {
+        let pose = |b: &crate::setup::Boundary| match b.surface {
+            Some(s) => g.surfaces[s].present.then_some(g.surfaces[s].reference),
+            None => Some(b.pose),
+        };
+        self.c.boundaries.iter().map(pose).collect()
+    }
+
+    fn prepare_buffers(&mut self) {
+        self.incoming = list::incoming(&self.blocks, self.p.len());
+        self.found.resize_with(self.blocks.len(), Found::default);
+        self.moved.resize(self.blocks.len(), Moved::default());
+        self.velocity_new.resize(self.p.len(), Velocity::default());
+        self.spin_new.resize(self.p.len(), Spin::default());
+    }
+
+    /// New lists from the present configuration. Particles that left the domain are taken out and listed.
+    fn rebuild(&mut self, g: &mut Progress) {
+        let began = Instant::now();
+        let interval = g.step - g.rebuilt;
+        // Fast flows need a wider reach, creeping ones waste it; the choice depends on this world alone.
+        let mean = self.c.radius_mean;
+        if interval < 12 {
+            g.skin = (1.25 * g.skin).min(SKIN_MAX * mean);
+        } else if interval > 80 {
+            g.skin = (0.8 * g.skin).max(0.1 * mean);
+        }
+        let mut old: Vec<u32> = (0..self.p.len() as u32).collect();
+        let keep = self.leavers(g);
+        if keep.contains(&false) {
+            self.p.retain(&keep);
+            let mut at = keep.iter();
+            old.retain(|_| *at.next().unwrap_or(&true));
+        }
+        let order = self.reorder(g);
+        let old: Vec<u32> = order.iter().map(|&k| old[k as usize]).collect();
+        self.refer(g);
+        let memory = Memory::Lists(&self.blocks, &old);
+        self.blocks = list::build(&self.c, &self.p, g, &self.reference_poses(g), &memory);
+        self.prepare_buffers();
+        g.rebuilt = g.step;
+        g.rebuilds += 1;
+        self.times.lists += began.elapsed().as_secs_f64();
+    }
+
+    /// Lists the particles outside the domain; returns which ones stay.
+    fn leavers(&self, g: &mut Progress) -> Vec<bool> {
+        let l = &self.c.lattice;
+        let mut keep = vec![true; self.p.len()];
+        let mut left: Vec<(u32, usize, [usize; 2])> = Vec::new();
+        for i in 0..self.p.len() {
+            for k in (0..3).filter(|&k| !l.periodic[k]) {
+                let u = Lattice::units(self.p.hi[i][k], self.p.place[i].lo[k]);
+                if keep[i] && !(0..=l.extent[k]).contains(&u) {
+                    keep[i] = false;
+                    left.push((self.p.id[i], i, [k, usize::from(u > 0)]));
+                }
+            }
+        }
+        left.sort_unstable();
+        for (id, i, side) in left {
+            let position = self.position(i);
+            g.lost.push(Lost { id, time: g.step as f64 * self.c.dt, position, side });
+            let e = self.energy_of(i);
+            g.ledger.removed += e[0] + e[1] + e[2];
+        }
+        keep
+    }
+
+    fn position(&self, i: usize) -> Vec3 {
+        self.c.lattice.decode(self.p.hi[i], self.p.place[i].lo, self.p.rest[i])
+    }
+
+    /// Energy of translation, rotation and gravity of a particle \[J\].
+    fn energy_of(&self, i: usize) -> [f64; 3] {
+        let (v, w) = (&self.p.velocity[i], &self.p.spin[i]);
+        let mass = 1.0 / f64::from(v.inv_mass);
+        let r = f64::from(self.p.place[i].radius);
+        let square = |a: &[f32; 3]| a.iter().map(|x| f64::from(*x) * f64::from(*x)).sum::<f64>();
+        let x = sub(self.position(i), self.c.lattice.origin);
+        [
+            0.5 * mass * square(&v.v),
+            0.2 * mass * r * r * square(&w.w),
+            -mass * crate::lattice::dot(self.c.spec.gravity, x),
+        ]
+    }
+
+    /// Places boundaries for the present step.
+    fn stand(&mut self, g: &Progress) {
+        for (b, boundary) in self.c.boundaries.iter().enumerate() {
+            let standing = &mut self.standing[b];
+            let (present, placed) = match boundary.surface {
+                Some(s) => (g.surfaces[s].present, g.surfaces[s].placed(&self.c, s, g)),
+                None => (true, crate::surface::Placed { pose: boundary.pose, ..Default::default() }),
+            };
+            let moved = standing.placed.pose != placed.pose || !standing.present;
+            standing.present = present;
+            standing.placed = placed;
+            if !present || !moved {
+                continue;
+            }
+            match &boundary.shape {
+                BoundaryShape::Plane(n) => standing.normal = rotate(placed.pose.rotation, *n),
+                BoundaryShape::Mesh(mesh, _) => {
+                    standing.vertices.clear();
+                    standing.vertices.extend(mesh.vertices.iter().map(|x| placed.pose.apply(*x)));
+                }
+            }
+        }
+    }
+
+    /// Whether a surface has moved so far that the lists may miss it.
+    fn surface_strayed(&self, g: &Progress) -> bool {
+        self.c.boundaries.iter().any(|boundary| {
+            let Some(s) = boundary.surface.filter(|&s| g.surfaces[s].present) else { return false };
+            let reference = g.surfaces[s].reference;
+            let now = g.surfaces[s].placed(&self.c, s, g).pose;
+            if now == reference {
+                return false;
+            }
+            let BoundaryShape::Mesh(_, bvh) = &boundary.shape else { return true };
+            let Some((lo, hi)) = bvh.bounds() else { return false };
+            (0..8).any(|corner: usize| {
+                let x = [0, 1, 2].map(|k| if corner >> k & 1 == 0 { lo[k] } else { hi[k] });
+                norm(sub(now.apply(x), reference.apply(x))) > 0.5 * g.skin
+            })
+        })
+    }
+
+    fn phase<'a>(
+        c: &'a Constants,
+        pairs: &'a [Pair],
+        p: &'a Particles,
+        standing: &'a [Standing],
+        purpose: Purpose,
+    ) -> Phase<'a> {
+        let ledger = c.spec.sampling.energy_ledger;
+        let dt = if purpose == Purpose::Step { c.dt as f32 } else { 0.0 };
+        Phase { c, pairs, p, standing, purpose, ledger, dt }
+    }
+
+    /// Contacts of every block.
+    fn forces(&mut self, purpose: Purpose) {
+        let phase = Self::phase(&self.c, &self.pairs, &self.p, &self.standing, purpose);
+        each(&mut self.blocks, &mut self.found, |block, found| {
+            SCRATCH.with_borrow_mut(|scratch| run(&phase, block, found, scratch));
+        });
+    }
+
+    fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
+        let kind = self.c.spec.time.integrator;
+        let split = kind == IntegratorKind::VelocityVerlet;
+        let mut clock = Clock(Instant::now());
+        self.stand(g);
+        self.times.surfaces += clock.lap();
+        if split {
+            if !g.primed {
+                self.forces(Purpose::Prime);
+                self.prime();
+            }
+            let moved = self.motion(kind, true, !g.primed);
+            self.check(g, moved)?;
+            self.times.integration += clock.lap();
+            if moved.displacement.sqrt() > 0.5 * g.skin as f32 {
+                self.rebuild(g);
+                clock.lap();
+            }
+        }
+        self.forces(Purpose::Step);
+        self.times.forces += clock.lap();
+        let moved = self.motion(kind, false, !g.primed);
+        self.times.integration += clock.lap();
+        self.account(g, split, moved);
+        self.times.ledger += clock.lap();
+        self.guard(g)?;
+        self.check(g, moved)?;
+        g.primed = true;
+        g.step += 1;
+        let stale = moved.displacement.sqrt() > 0.5 * g.skin as f32 || self.surface_strayed(g);
+        self.times.surfaces += clock.lap();
+        if stale {
+            self.rebuild(g);
+        }
+        Ok(())
+    }
+
+    /// Accelerations of the present configuration, without a step.
+    fn prime(&mut self) {
+        let s = self.step;
+        let (p, blocks, incoming) = (&mut self.p, &self.blocks, &self.incoming);
+        for (b, block) in blocks.iter().enumerate() {
+            let (place, velocity) = (&p.place, &p.velocity);
+            let (acceleration, angular) = (&mut p.acceleration, &mut p.angular);
+            sum(block, blocks, incoming, &self.found[b].surface, |local, f, t| {
+                let i = block.first + local;
+                let r = place[i].radius;
+                for k in 0..3 {
+                    acceleration[i][k] = f[k] * velocity[i].inv_mass + s.gravity[k];
+                    angular[i][k] = t[k] * 2.5 * velocity[i].inv_mass / (r * r);
+                }
+            });
+        }
+    }
+
+    /// Moves all particles, ahead of or with the force.
+    fn motion(&mut self, kind: IntegratorKind, ahead: bool, first: bool) -> Moved {
+        visit(kind, Motion { world: self, ahead, first })
+    }
+
+    /// Dissipation, surface forces and work of the step.
+    fn account(&mut self, g: &mut Progress, split: bool, moved: Moved) {
+        let surfaces = self.c.spec.surfaces.len();
+        let mut forces = vec![[0.0; 6]; surfaces];
+        for f in &self.found {
+            for (sum, x) in forces.iter_mut().flatten().zip(f.on_surface.iter().flatten()) {
+                *sum += x;
+            }
+        }
+        let ledger = &mut g.ledger;
+        let before = ledger.elastic_tangential;
+        ledger.elastic_tangential = 0.0;
+        for f in &self.found {
+            ledger.work += f.work;
+            ledger.friction += f.friction_loss;
+            ledger.elastic_tangential += f.energy_tangential;
+            ledger.stiffness_change -= f.energy_before;
+        }
+        ledger.stiffness_change += before;
+        ledger.damping += moved.damped;
+        if self.c.spec.sampling.energy_ledger {
+            let dt = self.step.dt;
+            // `velocity_new` holds the velocities before the step: `motion` has exchanged the columns.
+            let (p, old_v, old_w) = (&self.p, &self.velocity_new, &self.spin_new);
+            let mid = |i: usize| {
+                let half = |a: [f32; 3], b: [f32; 3]| {
+                    let m = [0, 1, 2].map(|k| if split { a[k] } else { 0.5 * (a[k] + b[k]) });
+                    V3 { x: m[0], y: m[1], z: m[2] }
+                };
+                (half(p.velocity[i].v, old_v[i].v), half(p.spin[i].w, old_w[i].w))
+            };
+            let lost: Vec<[f64; 2]> =
+                self.found.par_iter().map(|f| dissipated(&f.records, dt, mid)).collect();
+            for [dashpots, rolling] in lost {
+                ledger.dashpots += dashpots;
+                ledger.rolling += rolling;
+            }
+        }
+        g.account(&self.c, &forces);
+    }
+
+    /// Stops the world when particles overlap too much.
+    fn guard(&self, g: &mut Progress) -> Result<(), Failure> {
+        let mut worst = (0.0_f32, 0, 0);
+        for f in &self.found {
+            if f.worst.0 > worst.0 {
+                worst = f.worst;
+            }
+        }
+        g.worst_overlap = g.worst_overlap.max(f64::from(worst.0));
+        let limits = &self.c.spec.guards;
+        if !limits.overlap_stops || f64::from(worst.0) <= limits.overlap_limit {
+            return Ok(());
+        }
+        let other = match worst.2.checked_sub(u32::MAX - self.c.boundaries.len() as u32) {
+            Some(_) => format!("`{}`", self.c.boundaries[(u32::MAX - worst.2) as usize].name),
+            None => self.describe(worst.2 as usize),
+        };
+        Err(self.failure(
+            g,
+            format!(
+                "{} overlaps {other} by {:.0} % of the smaller radius, more than the limit of {:.0} %",
+                self.describe(worst.1 as usize),
+                100.0 * worst.0,
+                100.0 * limits.overlap_limit
+            ),
+            "the bodies meet too fast for their stiffness, the step is too large, or they started inside each \
+             other; raise youngs_modulus, lower the step, or set time.overlap_limit = \"warn\" if soft \
+             particles are meant",
+        ))
+    }
+
+    /// Stops the world when a particle runs away.
+    fn check(&self, g: &Progress, moved: Moved) -> Result<(), Failure> {
+        let Some(i) = moved.runaway else { return Ok(()) };
+        let i = i as usize;
+        let v = self.p.velocity[i].v;
+        let what = if v.iter().all(|x| x.is_finite()) {
+            "moves farther than its own cell in one step"
+        } else {
+            "has a velocity that is not a number"
+        };
+        Err(self.failure(
+            g,
+            format!("{} {what}", self.describe(i)),
+            "the step is too large for the stiffness or the speeds of this world; take a smaller time.step or \
+             \"auto\"",
+        ))
+    }
+
+    fn failure(&self, g: &Progress, what: String, cause: &str) -> Failure {
+        Failure { time: g.step as f64 * self.c.dt, step: g.step, what, cause: cause.to_owned() }
+    }
+
+    /// A particle in words: number, place, speed, contacts.
+    fn describe(&self, i: usize) -> String {
+        let x = self.position(i);
+        let v = self.p.velocity[i].v;
+        let speed = v.iter().map(|c| f64::from(*c) * f64::from(*c)).sum::<f64>().sqrt();
+        let block = &self.blocks[i / BLOCK];
+        let local = i % BLOCK;
+        let mut with: Vec<String> = (block.start[local] as usize..block.start[local + 1] as usize)
+            .filter(|&k| block.touching[k])
+            .map(|k| self.p.id[block.partner[k] as usize].to_string())
+            .collect();
+        for &(b, k) in
+            &self.incoming.entry[self.incoming.start[i] as usize..self.incoming.start[i + 1] as usize]
+        {
+            let other = &self.blocks[b as usize];
+            if other.touching[k as usize] {
+                let local = other.start.partition_point(|&s| s <= k) - 1;
+                with.push(self.p.id[other.first + local].to_string());
+            }
+        }
+        for q in block.patches.iter().filter(|q| q.local as usize == local && !q.contacts.is_empty()) {
+            with.push(format!("`{}`", self.c.boundaries[q.boundary as usize].name));
+        }
+        with.truncate(8);
+        format!(
+            "particle {} at ({:.6}, {:.6}, {:.6}) m, speed {speed:.3e} m/s, touching {},",
+            self.p.id[i],
+            x[0],
+            x[1],
+            x[2],
+            if with.is_empty() { "nothing".to_owned() } else { with.join(", ") }
+        )
+    }
+
+    /// Runs the contact phase on the present configuration without changing it.
+    fn look(&mut self, g: &Progress) -> Vec<Found> {
+        self.stand(g);
+        let phase = Self::phase(&self.c, &self.pairs, &self.p, &self.standing, Purpose::Observe);
+        let mut found: Vec<Found> = Vec::new();
+        found.resize_with(self.blocks.len(), Found::default);
+        each(&mut self.blocks, &mut found, |block, found| {
+            SCRATCH.with_borrow_mut(|scratch| run(&phase, block, found, scratch));
+        });
+        found
+    }
+
+    fn observe(&mut self, g: &Progress) -> Moment {
+        let mut m = Moment::default();
+        for f in self.look(g) {
+            m.elastic_normal += f.energy_normal;
+            m.elastic_tangential += f.energy_before;
+            m.contacts += f.contacts[0];
+            m.surface_contacts += f.contacts[1];
+            m.overlap = m.overlap.max(f64::from(f.worst.0));
+        }
+        let sums: Vec<[f64; 4]> = (0..self.blocks.len())
+            .into_par_iter()
+            .map(|b| {
+                let mut s = [0.0; 4];
+                for i in b * BLOCK..((b + 1) * BLOCK).min(self.p.len()) {
+                    let e = self.energy_of(i);
+                    (0..3).for_each(|k| s[k] += e[k]);
+                    s[3] = f64::max(s[3], norm(self.p.velocity[i].v.map(f64::from)));
+                }
+                s
+            })
+            .collect();
+        for s in sums {
+            m.translation += s[0];
+            m.rotation += s[1];
+            m.potential += s[2];
+            m.speed = m.speed.max(s[3]);
+        }
+        m
+    }
+
+    fn detail(&mut self, g: &Progress) -> Detail {
+        let found = self.look(g);
+        let mut d = Detail { coordination: vec![0; self.p.len()], ..Detail::default() };
+        for s in 0..self.c.spec.surfaces.len() {
+            let triangles = match &self.c.boundaries[s].shape {
+                BoundaryShape::Mesh(mesh, _) => mesh.triangles.len(),
+                BoundaryShape::Plane(_) => 1,
+            };
+            d.on_triangles.push(vec![[0.0; 3]; triangles]);
+        }
+        for (block, f) in self.blocks.iter().zip(&found) {
+            for &(i, j, force) in &f.coordination {
+                d.coordination[i as usize] += 1;
+                d.coordination[j as usize] += 1;
+                d.network.push(([self.p.id[i as usize], self.p.id[j as usize]], force));
+            }
+            for pull in &f.surface {
+                d.coordination[block.first + pull.local as usize] += 1;
+                if let Some(s) = self.c.boundaries[pull.boundary as usize].surface {
+                    for k in 0..3 {
+                        d.on_triangles[s][pull.triangle as usize][k] -= f64::from(pull.force[k]);
+                    }
+                }
+            }
+        }
+        d
+    }
+
+    /// Bytes held for this world's particles and contacts.
+    fn bytes(&self) -> usize {
+        let per_particle = size_of::<crate::state::Place>()
+            + 2 * (size_of::<Velocity>() + size_of::<Spin>())
+            + 6 * size_of::<[f32; 3]>()
+            + size_of::<[u32; 3]>()
+            + size_of::<u32>() * 2;
+        let lists: usize = self
+            .blocks
+            .iter()
+            .map(|b| {
+                b.partner.capacity() * (4 + size_of::<list::Pull>() + 1)
+                    + b.history.capacity() * 4
+                    + b.start.capacity() * 4
+            })
+            .sum();
+        let records: usize =
+            self.found.iter().map(|f| f.records.capacity() * size_of::<contacts::Record>()).sum();
+        self.p.len() * per_particle + lists + records + self.incoming.entry.len() * 8
+    }
+}
+
+/// One phase over blocks and what they find, on as many threads as pay.
+fn each(blocks: &mut [Block], found: &mut [Found], work: impl Fn(&mut Block, &mut Found) + Sync) {
+    // A block takes some tens of microseconds; fewer than four are not worth waking threads for.
+    if blocks.len() < 4 {
+        blocks.iter_mut().zip(found).for_each(|(b, f)| work(b, f));
+    } else {
+        blocks.par_iter_mut().zip(found).for_each(|(b, f)| work(b, f));
+    }
+}
+
+struct Clock(Instant);
+
+impl Clock {
+    fn lap(&mut self) -> f64 {
+        let now = Instant::now();
+        (now - std::mem::replace(&mut self.0, now)).as_secs_f64()
+    }
+}
+
+/// The integrator's loop, compiled once per scheme.
+struct Motion<'a> {
+    world: &'a mut CpuWorld,
+    ahead: bool,
+    first: bool,
+}
+
+impl Visitor for Motion<'_> {
+    type Output = Moved;
+
+    fn visit<S: Scheme>(self) -> Moved {
+        let Self { world: w, ahead, first } = self;
+        let (blocks, incoming, found, s) = (&w.blocks, &w.incoming, &w.found, w.step);
+        let p = &mut w.p;
+        let columns = (
+            p.place.par_chunks_mut(BLOCK),
+            p.hi.par_chunks_mut(BLOCK),
+            p.rest.par_chunks_mut(BLOCK),
+            p.velocity.par_chunks(BLOCK),
+            p.spin.par_chunks(BLOCK),
+            w.velocity_new.par_chunks_mut(BLOCK),
+            w.spin_new.par_chunks_mut(BLOCK),
+            p.acceleration.par_chunks_mut(BLOCK),
+            p.angular.par_chunks_mut(BLOCK),
+            p.force.par_chunks_mut(BLOCK),
+            p.lo_ref.par_chunks(BLOCK),
+            w.moved.par_iter_mut(),
+        )
+            .into_par_iter();
+        let min = if blocks.len() < 4 { 4 } else { 1 };
+        columns.with_min_len(min).enumerate().for_each(
+            |(
+                b,
+                (
+                    place,
+                    hi,
+                    rest,
+                    velocity,
+                    spin,
+                    velocity_new,
+                    spin_new,
+                    acceleration,
+                    angular,
+                    force,
+                    lo_ref,
+                    moved,
+                ),
+            )| {
+                *moved = Moved::default();
+                let mut c = Columns {
+                    first: b * BLOCK,
+                    place,
+                    hi,
+                    rest,
+                    velocity,
+                    spin,
+                    velocity_new,
+                    spin_new,
+                    acceleration,
+                    angular,
+                    force,
+                    lo_ref,
+                };
+                if ahead {
+                    before::<S>(&mut c, &s, moved);
+                } else {
+                    sum(&blocks[b], blocks, incoming, &found[b].surface, |i, f, t| {
+                        after::<S>(&mut c, &s, i, f, t, first, moved);
+                    });
+                }
+            },
+        );
+        std::mem::swap(&mut w.p.velocity, &mut w.velocity_new);
+        std::mem::swap(&mut w.p.spin, &mut w.spin_new);
+        w.moved.iter().fold(Moved::default(), |all, m| Moved {
+            displacement: all.displacement.max(m.displacement),
+            runaway: all.runaway.or(m.runaway),
+            damped: all.damped + m.damped,
+        })
+    }
+}

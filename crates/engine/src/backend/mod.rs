@@ -1,0 +1,140 @@
+//! Where worlds run. Every backend takes the same constants and state and gives the same state back; the
+//! conformance suites (`tests/`) are written once and run on each.
+
+pub mod cpu;
+
+use std::sync::Arc;
+
+use serde::Serialize;
+
+use crate::failure::Failure;
+use crate::setup::Constants;
+use crate::state::{Progress, State};
+
+/// A batch of worlds on a device.
+pub trait Fleet: Send {
+    /// Advances worlds, each by its own number of steps. A world that fails stops there; the rest go on.
+    fn advance(&mut self, jobs: &mut [Job<'_>]);
+    /// Energies and contacts of a world's present configuration. Changes nothing.
+    fn observe(&mut self, world: usize, progress: &Progress) -> Moment;
+    /// Coordination of every particle and the force on every triangle. Changes nothing.
+    fn detail(&mut self, world: usize, progress: &Progress) -> Detail;
+    /// The complete state of a world. A pure read: the run goes on as if it had not been taken.
+    fn state(&self, world: usize, progress: &Progress) -> State;
+    /// Replaces the state of a world.
+    fn load(&mut self, world: usize, state: &mut State);
+    /// Time spent in a world's phases since it was loaded.
+    fn times(&self, world: usize) -> PhaseTimes;
+    /// Bytes of memory per particle of a world.
+    fn bytes_per_particle(&self, world: usize) -> f64;
+}
+
+/// Steps asked of one world.
+pub struct Job<'a> {
+    /// Which world.
+    pub world: usize,
+    /// How many steps.
+    pub steps: u64,
+    /// Its progress, carried on.
+    pub progress: &'a mut Progress,
+    /// How it went.
+    pub outcome: Result<(), Failure>,
+}
+
+/// Sums over a world at one moment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Moment {
+    /// Kinetic energy of translation \[J\].
+    pub translation: f64,
+    /// Kinetic energy of rotation \[J\].
+    pub rotation: f64,
+    /// Potential energy in gravity \[J\].
+    pub potential: f64,
+    /// Energy of normal springs and cohesion \[J\].
+    pub elastic_normal: f64,
+    /// Energy of tangential springs \[J\].
+    pub elastic_tangential: f64,
+    /// Pairs in contact.
+    pub contacts: u64,
+    /// Contacts with surfaces.
+    pub surface_contacts: u64,
+    /// Largest overlap as a fraction of the smaller radius.
+    pub overlap: f64,
+    /// Largest speed \[m/s\].
+    pub speed: f64,
+}
+
+impl Moment {
+    /// Kinetic energy \[J\].
+    pub fn kinetic(&self) -> f64 {
+        self.translation + self.rotation
+    }
+}
+
+/// A world in detail.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Detail {
+    /// Contacts of each particle, in the order of storage.
+    pub coordination: Vec<u32>,
+    /// Contact network: numbers of the two particles and the force on the first \[N\].
+    pub network: Vec<([u32; 2], [f32; 3])>,
+    /// For each surface of the specification the force of the particles on each triangle \[N\]; one entry
+    /// for a plane.
+    pub on_triangles: Vec<Vec<[f64; 3]>>,
+}
+
+/// Seconds spent in each phase.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct PhaseTimes {
+    /// Ordering and neighbour lists.
+    pub lists: f64,
+    /// Contact detection and forces.
+    pub forces: f64,
+    /// Sums and integration.
+    pub integration: f64,
+    /// Dissipation accounts.
+    pub ledger: f64,
+    /// Motion of surfaces.
+    pub surfaces: f64,
+}
+
+impl PhaseTimes {
+    /// Names and values, for tables.
+    pub fn rows(&self) -> [(&'static str, f64); 5] {
+        [
+            ("lists", self.lists),
+            ("forces", self.forces),
+            ("integration", self.integration),
+            ("ledger", self.ledger),
+            ("surfaces", self.surfaces),
+        ]
+    }
+}
+
+/// The backends, by name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Backend {
+    /// Threads and vector units of the host.
+    #[default]
+    Cpu,
+}
+
+impl Backend {
+    /// Every backend.
+    pub const ALL: &'static [Self] = &[Self::Cpu];
+
+    /// Name of the backend.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+        }
+    }
+
+    /// A batch of worlds on the backend.
+    pub fn fleet(self, worlds: Vec<(Arc<Constants>, &mut State)>) -> Box<dyn Fleet> {
+        match self {
+            Self::Cpu => Box::new(cpu::CpuFleet::new(worlds)),
+        }
+    }
+}

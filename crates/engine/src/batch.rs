@@ -1,0 +1,475 @@
+//! Batches of worlds and their stages: the only thing that runs. A single simulation is a batch of one.
+
+use std::sync::Arc;
+
+use serde::Serialize;
+
+use crate::backend::{Backend, Detail, Fleet, Job, Moment, PhaseTimes};
+use crate::failure::{Failure, SetupError};
+use crate::lattice::dot;
+use crate::setup::{Constants, prepare};
+use crate::spec::{Action, Pose, Vec3, WorldSpec};
+use crate::state::{Ledger, MeasureState, Progress, StageResult, State, draught};
+
+/// Steps after which a stage that waits for a low kinetic energy may end though it was never above it.
+const PATIENCE: u64 = 100;
+
+/// How a world stands.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Status {
+    /// Under way.
+    Running,
+    /// All stages ended.
+    Done,
+    /// Stopped with a reason; the other worlds of the batch go on.
+    Failed(Failure),
+}
+
+/// One row of a world's series.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Sample {
+    /// Simulated time \[s\].
+    pub time: f64,
+    /// Steps done.
+    pub step: u64,
+    /// Stage in progress.
+    pub stage: usize,
+    /// Energy accounts.
+    pub ledger: Ledger,
+    /// Pairs in contact.
+    pub contacts: u64,
+    /// Contacts with surfaces.
+    pub surface_contacts: u64,
+    /// Mean number of contacts of a particle.
+    pub coordination: f64,
+    /// Largest overlap as a fraction of the smaller radius.
+    pub overlap: f64,
+    /// Largest speed \[m/s\].
+    pub speed: f64,
+    /// Particles in the world.
+    pub particles: usize,
+    /// Each surface of the specification.
+    pub surfaces: Vec<SurfaceSample>,
+}
+
+/// A surface in a sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct SurfaceSample {
+    /// Mean force of the particles on it since the last sample \[N\].
+    pub force: Vec3,
+    /// Mean torque about its frame's origin \[N m\].
+    pub torque: Vec3,
+    /// The force against its velocity \[N\].
+    pub draught: f64,
+    /// Path of its origin since the stage began \[m\].
+    pub path: f64,
+    /// Where it stands.
+    pub pose: Pose,
+    /// Whether it is there.
+    pub present: bool,
+}
+
+/// What a world shows at a frame.
+pub struct Frame<'a> {
+    /// The world's constants.
+    pub constants: &'a Constants,
+    /// Complete state.
+    pub state: &'a State,
+    /// Coordination and forces on triangles.
+    pub detail: &'a Detail,
+    /// Positions in the order of storage \[m\].
+    pub positions: &'a [Vec3],
+    /// Simulated time \[s\].
+    pub time: f64,
+}
+
+/// Receives what worlds report. Every method may fail; the first error stops the batch's advance.
+pub trait Observer {
+    /// The observer's error.
+    type Error;
+    /// A row of the series.
+    fn sample(&mut self, world: usize, sample: &Sample) -> Result<(), Self::Error>;
+    /// A frame is due.
+    fn frame(&mut self, world: usize, frame: &Frame<'_>) -> Result<(), Self::Error>;
+    /// A stage ended.
+    fn stage_ended(&mut self, world: usize, index: usize, result: &StageResult) -> Result<(), Self::Error>;
+}
+
+/// A batch of worlds on one backend.
+pub struct Batch {
+    worlds: Vec<World>,
+    fleet: Box<dyn Fleet>,
+    backend: Backend,
+}
+
+struct World {
+    constants: Arc<Constants>,
+    progress: Progress,
+    status: Status,
+    /// Steps between samples, and samples between frames.
+    every: u64,
+    frames: Option<u64>,
+    particles: usize,
+}
+
+impl Batch {
+    /// Prepares worlds. The first that cannot be run is named by its index.
+    pub fn new(specs: Vec<WorldSpec>, backend: Backend) -> Result<Self, (usize, SetupError)> {
+        let mut worlds = Vec::with_capacity(specs.len());
+        for (i, spec) in specs.into_iter().enumerate() {
+            worlds.push(prepare(spec).map_err(|e| (i, e))?);
+        }
+        Ok(Self::from_states(worlds, backend))
+    }
+
+    /// Takes up worlds from states, to go on where they were left.
+    pub fn from_states(mut worlds: Vec<(Arc<Constants>, State)>, backend: Backend) -> Self {
+        let fleet = backend.fleet(worlds.iter_mut().map(|(c, s)| (c.clone(), s)).collect());
+        let worlds = worlds
+            .into_iter()
+            .map(|(constants, state)| {
+                let sampling = constants.spec.sampling;
+                let every = (sampling.series / constants.dt).round().max(1.0) as u64;
+                let interval = every as f64 * constants.dt;
+                let frames = sampling.frames.map(|f| (f / interval).round().max(1.0) as u64);
+                let done = state.progress.stage >= constants.spec.stages.len();
+                World {
+                    particles: state.particles.len(),
+                    progress: state.progress,
+                    status: if done { Status::Done } else { Status::Running },
+                    constants,
+                    every,
+                    frames,
+                }
+            })
+            .collect();
+        Self { worlds, fleet, backend }
+    }
+
+    /// Number of worlds.
+    pub fn len(&self) -> usize {
+        self.worlds.len()
+    }
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.worlds.is_empty()
+    }
+    /// The backend.
+    pub fn backend(&self) -> Backend {
+        self.backend
+    }
+    /// Whether any world is under way.
+    pub fn running(&self) -> bool {
+        self.worlds.iter().any(|w| w.status == Status::Running)
+    }
+    /// How a world stands.
+    pub fn status(&self, world: usize) -> &Status {
+        &self.worlds[world].status
+    }
+    /// A world's constants.
+    pub fn constants(&self, world: usize) -> &Arc<Constants> {
+        &self.worlds[world].constants
+    }
+    /// A world's progress.
+    pub fn progress(&self, world: usize) -> &Progress {
+        &self.worlds[world].progress
+    }
+    /// Simulated time of a world \[s\].
+    pub fn time(&self, world: usize) -> f64 {
+        self.worlds[world].time()
+    }
+    /// Particles in a world.
+    pub fn particles(&self, world: usize) -> usize {
+        self.worlds[world].particles
+    }
+    /// The complete state of a world; a pure read.
+    pub fn state(&self, world: usize) -> State {
+        self.fleet.state(world, &self.worlds[world].progress)
+    }
+    /// Time spent in a world's phases.
+    pub fn times(&self, world: usize) -> PhaseTimes {
+        self.fleet.times(world)
+    }
+    /// Bytes per particle of a world.
+    pub fn bytes_per_particle(&self, world: usize) -> f64 {
+        self.fleet.bytes_per_particle(world)
+    }
+    /// Energies and contacts of a world now.
+    pub fn moment(&mut self, world: usize) -> Moment {
+        self.fleet.observe(world, &self.worlds[world].progress)
+    }
+    /// Coordination, network and triangle forces of a world now.
+    pub fn detail(&mut self, world: usize) -> Detail {
+        self.fleet.detail(world, &self.worlds[world].progress)
+    }
+
+    /// Advances every running world to its next sample or stage end, and reports.
+    pub fn advance<O: Observer>(&mut self, observer: &mut O) -> Result<(), O::Error> {
+        for w in 0..self.worlds.len() {
+            while self.worlds[w].status == Status::Running && !self.worlds[w].progress.stage_begun {
+                self.begin_stage(w, observer)?;
+            }
+        }
+        let mut jobs: Vec<Job<'_>> = Vec::new();
+        for (world, w) in self.worlds.iter_mut().enumerate() {
+            if w.status == Status::Running {
+                let steps = w.steps_to_go();
+                jobs.push(Job { world, steps, progress: &mut w.progress, outcome: Ok(()) });
+            }
+        }
+        self.fleet.advance(&mut jobs);
+        let outcomes: Vec<_> = jobs.into_iter().map(|j| (j.world, j.outcome)).collect();
+        for (w, outcome) in outcomes {
+            if let Err(failure) = outcome {
+                self.worlds[w].status = Status::Failed(failure);
+            } else {
+                self.sample(w, observer)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn sample<O: Observer>(&mut self, w: usize, observer: &mut O) -> Result<(), O::Error> {
+        let moment = self.fleet.observe(w, &self.worlds[w].progress);
+        let world = &mut self.worlds[w];
+        world.particles = world.constants.count_now(&world.progress);
+        let sample = world.sample(&moment);
+        let frame = world.frames.is_some_and(|f| world.progress.samples.is_multiple_of(f));
+        observer.sample(w, &sample)?;
+        if frame {
+            self.frame(w, observer)?;
+        }
+        let world = &mut self.worlds[w];
+        if let Some(ended_by) = world.stage_end(moment.kinetic()) {
+            self.end_stage(w, ended_by, observer)?;
+        }
+        Ok(())
+    }
+
+    fn frame<O: Observer>(&mut self, w: usize, observer: &mut O) -> Result<(), O::Error> {
+        let detail = self.detail(w);
+        let state = self.state(w);
+        let world = &mut self.worlds[w];
+        world.progress.frames += 1;
+        let positions = positions(&world.constants, &state);
+        observer.frame(
+            w,
+            &Frame {
+                constants: &world.constants,
+                state: &state,
+                detail: &detail,
+                positions: &positions,
+                time: world.time(),
+            },
+        )
+    }
+
+    /// Does the actions of the present stage. The first sample and frame of a world are taken here.
+    fn begin_stage<O: Observer>(&mut self, w: usize, observer: &mut O) -> Result<(), O::Error> {
+        let c = self.worlds[w].constants.clone();
+        if self.worlds[w].progress.step == 0 && self.worlds[w].progress.samples == 0 {
+            let moment = self.fleet.observe(w, &self.worlds[w].progress);
+            let world = &mut self.worlds[w];
+            world.progress.ledger.initial =
+                moment.kinetic() + moment.potential + moment.elastic_normal + moment.elastic_tangential;
+            let sample = world.sample(&moment);
+            observer.sample(w, &sample)?;
+            if world.frames.is_some() {
+                self.frame(w, observer)?;
+            }
+        }
+        let actions = c.spec.stages[self.worlds[w].progress.stage].actions.clone();
+        let trimmed = if actions.is_empty() { 0 } else { self.act(w, &actions) };
+        let world = &mut self.worlds[w];
+        world.progress.trimmed = trimmed;
+        world.progress.stage_begun = true;
+        if c.spec.stages[world.progress.stage].only_acts() {
+            self.end_stage(w, "actions", observer)?;
+        }
+        Ok(())
+    }
+
+    /// Does actions on the state and loads it back; returns how many particles were removed.
+    fn act(&mut self, w: usize, actions: &[Action]) -> u64 {
+        let c = self.worlds[w].constants.clone();
+        let before = self.moment(w);
+        let mut state = self.state(w);
+        let mut removed = 0;
+        for action in actions {
+            match action {
+                Action::Insert(s) => state.progress.surfaces[*s].present = true,
+                Action::Withdraw(s) => state.progress.surfaces[*s].present = false,
+                Action::RemoveBeyond { axis, limit } => {
+                    let keep: Vec<bool> =
+                        positions(&c, &state).iter().map(|x| dot(*x, *axis) <= *limit).collect();
+                    removed += state.remove(&keep);
+                }
+            }
+        }
+        state.progress.stale = true;
+        self.fleet.load(w, &mut state);
+        let after = self.fleet.observe(w, &state.progress);
+        let energy = |m: &Moment| m.kinetic() + m.potential + m.elastic_normal + m.elastic_tangential;
+        state.progress.ledger.removed += energy(&before) - energy(&after);
+        state.progress.ledger.elastic_tangential += after.elastic_tangential - before.elastic_tangential;
+        self.worlds[w].particles = state.particles.len();
+        self.worlds[w].progress = state.progress;
+        removed
+    }
+
+    fn end_stage<O: Observer>(
+        &mut self,
+        w: usize,
+        ended_by: &'static str,
+        observer: &mut O,
+    ) -> Result<(), O::Error> {
+        let world = &mut self.worlds[w];
+        let c = world.constants.clone();
+        // Surfaces stay where they are; the next stage's motion begins from there.
+        let placed: Vec<_> = (0..c.spec.surfaces.len())
+            .map(|s| world.progress.surfaces[s].placed(&c, s, &world.progress).pose)
+            .collect();
+        let g = &mut world.progress;
+        let index = g.stage;
+        let result = StageResult {
+            name: c.spec.stages[index].name.clone(),
+            ended_by: ended_by.to_owned(),
+            time: g.step as f64 * c.dt,
+            trimmed: g.trimmed,
+            measures: std::mem::take(&mut g.measures),
+        };
+        for (surface, pose) in g.surfaces.iter_mut().zip(placed) {
+            surface.base = pose;
+            surface.since = g.step;
+        }
+        g.path.fill(0.0);
+        g.stage += 1;
+        g.stage_since = g.step;
+        g.stage_begun = false;
+        g.was_above = false;
+        g.trimmed = 0;
+        let measures = c.spec.stages.get(g.stage).map_or(0, |s| s.measures.len());
+        g.measures = vec![MeasureState::default(); measures];
+        g.results.push(result.clone());
+        if g.stage == c.spec.stages.len() {
+            world.status = Status::Done;
+        }
+        observer.stage_ended(w, index, &result)
+    }
+}
+
+impl World {
+    fn time(&self) -> f64 {
+        self.progress.step as f64 * self.constants.dt
+    }
+
+    /// Steps to the next sample or the stage's end by time, whichever is first.
+    fn steps_to_go(&self) -> u64 {
+        let g = &self.progress;
+        let to_sample = self.every - g.step % self.every;
+        match self.stage_steps() {
+            Some(limit) => to_sample.min((g.stage_since + limit).saturating_sub(g.step)).max(1),
+            None => to_sample,
+        }
+    }
+
+    /// The most steps that the present stage takes.
+    fn stage_steps(&self) -> Option<u64> {
+        let until = &self.constants.spec.stages[self.progress.stage].until;
+        until.at_most.map(|t| (t / self.constants.dt).round() as u64)
+    }
+
+    fn stage_end(&mut self, kinetic: f64) -> Option<&'static str> {
+        let until = self.constants.spec.stages[self.progress.stage].until;
+        let done = self.progress.step - self.progress.stage_since;
+        if let Some(limit) = until.kinetic_energy_below {
+            self.progress.was_above |= kinetic >= limit;
+            if kinetic < limit && (self.progress.was_above || done >= PATIENCE) {
+                return Some("kinetic energy");
+            }
+        }
+        let over = self.stage_steps().is_some_and(|s| done >= s);
+        over.then_some(if until.kinetic_energy_below.is_some() { "at most" } else { "duration" })
+    }
+
+    fn sample(&mut self, m: &Moment) -> Sample {
+        let c = self.constants.clone();
+        let g = &mut self.progress;
+        let mut ledger = g.ledger;
+        // The spring's stiffness has changed since the last force; what that cost belongs to this moment.
+        ledger.stiffness_change += ledger.elastic_tangential - m.elastic_tangential;
+        ledger.translation = m.translation;
+        ledger.rotation = m.rotation;
+        ledger.potential = m.potential;
+        ledger.elastic_normal = m.elastic_normal;
+        ledger.elastic_tangential = m.elastic_tangential;
+        let n = g.impulse_steps.max(1) as f64;
+        let surfaces = (0..c.spec.surfaces.len())
+            .map(|s| {
+                let mean = g.impulse[s].map(|x| x / n);
+                let placed = g.surfaces[s].placed(&c, s, g);
+                SurfaceSample {
+                    force: [mean[0], mean[1], mean[2]],
+                    torque: [mean[3], mean[4], mean[5]],
+                    draught: draught(&mean, placed.velocity),
+                    path: g.path[s],
+                    pose: placed.pose,
+                    present: g.surfaces[s].present,
+                }
+            })
+            .collect();
+        for sum in &mut g.impulse {
+            *sum = [0.0; 6];
+        }
+        g.impulse_steps = 0;
+        g.samples += 1;
+        Sample {
+            time: g.step as f64 * c.dt,
+            step: g.step,
+            stage: g.stage,
+            ledger,
+            contacts: m.contacts,
+            surface_contacts: m.surface_contacts,
+            coordination: (2 * m.contacts + m.surface_contacts) as f64 / self.particles.max(1) as f64,
+            overlap: m.overlap,
+            speed: m.speed,
+            particles: self.particles,
+            surfaces,
+        }
+    }
+}
+
+impl Constants {
+    /// Particles left in a world.
+    fn count_now(&self, g: &Progress) -> usize {
+        let trimmed: u64 = g.results.iter().map(|r| r.trimmed).sum::<u64>() + g.trimmed;
+        self.count - trimmed as usize - g.lost.len()
+    }
+}
+
+/// Positions of all particles in the order of storage \[m\].
+pub fn positions(c: &Constants, state: &State) -> Vec<Vec3> {
+    let p = &state.particles;
+    (0..p.len()).map(|i| c.lattice.decode(p.hi[i], p.place[i].lo, p.rest[i])).collect()
+}
+
+impl State {
+    /// Keeps the particles for which `keep` is true, with the contacts among them; returns how many went.
+    pub fn remove(&mut self, keep: &[bool]) -> u64 {
+        let before = self.particles.len();
+        self.particles.retain(keep);
+        let mut here: Vec<u32> = self.particles.id.clone();
+        here.sort_unstable();
+        let stays = |id: u32| here.binary_search(&id).is_ok();
+        self.contacts.retain(|m| stays(m.id[0]) && stays(m.id[1]));
+        self.surface_contacts.retain(|m| stays(m.id));
+        (before - self.particles.len()) as u64
+    }
+}
+
+impl crate::spec::Stage {
+    /// Whether the stage has no end but its actions.
+    pub fn only_acts(&self) -> bool {
+        self.until.at_most.is_none() && self.until.kinetic_energy_below.is_none()
+    }
+}

@@ -1,0 +1,446 @@
+//! From a specification to what kernels look up: checked, prepared and encoded.
+
+use std::sync::Arc;
+
+use glebe_physics as physics;
+use glebe_physics::{Impact, Laws, PairCoefficients, PairOverride, PairProperties};
+
+use crate::failure::SetupError;
+use crate::lattice::{Lattice, norm};
+use crate::spec::{Motion, Pose, Shape, Side, Step, TriMesh, Vec3, WorldSpec};
+use crate::state::{Particles, Place, Progress, Spin, State, SurfaceState, Velocity};
+use crate::surface::Bvh;
+
+/// Largest skin as a share of the mean radius; lists widen their reach up to it when particles move fast.
+pub const SKIN_MAX: f64 = 1.0;
+/// Skin that a world starts with, as a share of the mean radius.
+pub const SKIN_START: f64 = 0.3;
+/// Most particle sizes a list level spans: radii within a level differ at most by this factor.
+pub const LEVEL_RATIO: f64 = 2.0;
+
+/// A surface as kernels see it: those of the specification, then the domain's walls.
+#[derive(Clone, Debug)]
+pub struct Boundary {
+    /// Name.
+    pub name: String,
+    /// Material.
+    pub material: usize,
+    /// Shape.
+    pub shape: BoundaryShape,
+    /// Index in the specification; `None` for the domain's walls.
+    pub surface: Option<usize>,
+    /// Pose of the domain's walls.
+    pub pose: Pose,
+}
+
+/// The shape of a boundary.
+#[derive(Clone, Debug)]
+pub enum BoundaryShape {
+    /// A plane through the frame's origin; particles are on the side of the unit normal.
+    Plane(Vec3),
+    /// A mesh with its hierarchy.
+    Mesh(Arc<TriMesh>, Bvh),
+}
+
+/// What limits the time step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepLimits {
+    /// Rayleigh time of the smallest particle \[s\]; infinite where stiffness is not the materials'.
+    pub rayleigh: f64,
+    /// Shortest elastic impact \[s\].
+    pub collision: f64,
+    /// What `auto` takes \[s\].
+    pub advised: f64,
+}
+
+/// Everything about a world that does not change while it runs.
+#[derive(Debug)]
+pub struct Constants {
+    /// The specification, particles emptied into the state.
+    pub spec: WorldSpec,
+    /// Its laws.
+    pub laws: Laws,
+    /// Sign of each remembered float when two bodies change roles.
+    pub history: Vec<f32>,
+    /// Time step \[s\].
+    pub dt: f64,
+    /// What limits it.
+    pub limits: StepLimits,
+    /// Positions.
+    pub lattice: Lattice,
+    /// Coefficients of pair (a, b) at `a * materials + b`.
+    pub pairs: Vec<PairCoefficients>,
+    /// Surfaces and walls.
+    pub boundaries: Vec<Boundary>,
+    /// Number of particles at the start.
+    pub count: usize,
+    /// Largest radius \[m\].
+    pub radius_max: f64,
+    /// Mean radius \[m\].
+    pub radius_mean: f64,
+    /// Interaction distance beyond touch \[m\].
+    pub range: f64,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+impl Constants {
+    /// Coefficients of a pair of materials.
+    pub fn pair(&self, a: usize, b: usize) -> &PairCoefficients {
+        &self.pairs[a * self.spec.materials.len() + b]
+    }
+    /// The motion of surface `s` in stage `stage`.
+    pub fn motion(&self, s: usize, stage: usize) -> Motion {
+        let moves = self.spec.stages.get(stage).map_or(&[][..], |st| &st.moves);
+        moves.iter().find(|(k, _)| *k == s).map_or(self.spec.surfaces[s].motion, |(_, m)| *m)
+    }
+    /// Longest reach of a neighbour list \[m\].
+    pub fn cutoff(&self) -> f64 {
+        2.0 * self.radius_max + self.range + SKIN_MAX * self.radius_mean
+    }
+}
+
+/// Checks and prepares a world.
+pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupError> {
+    let laws = Laws::resolve(&spec.contact)?;
+    check_materials(&spec)?;
+    check_particles(&spec)?;
+    let materials = spec.materials.len();
+    let mut pairs = Vec::with_capacity(materials * materials);
+    for a in 0..materials {
+        for b in 0..materials {
+            pairs.push(laws.prepare(&spec.contact, &properties(&spec, a, b))?);
+        }
+    }
+    let set = std::mem::take(&mut spec.particles);
+    let count = set.len();
+    let (mut radius_max, mut radius_sum) = (0.0_f64, 0.0);
+    for &r in &set.radius {
+        radius_max = radius_max.max(r);
+        radius_sum += r;
+    }
+    let radius_mean = if count > 0 { radius_sum / count as f64 } else { 1e-3 };
+    let radius_max = if count > 0 { radius_max } else { 1e-3 };
+    let range = pairs.iter().map(|p| p.range).fold(0.0, f64::max);
+    let cutoff = 2.0 * radius_max + range + SKIN_MAX * radius_mean;
+    let lattice = Lattice::new(&spec.domain, cutoff).map_err(|(axis, height)| {
+        SetupError::PeriodicTooShort { axis: ['x', 'y', 'z'][axis], height, cutoff }
+    })?;
+    let boundaries = boundaries(&spec)?;
+    let limits = step_limits(&spec, &set, laws, &pairs);
+    let mut warnings = Vec::new();
+    let dt = time_step(&spec, limits, &mut warnings)?;
+
+    let mut particles = Particles::default();
+    for i in 0..count {
+        let e = lattice.encode(set.position[i]);
+        for k in 0..3 {
+            let u = Lattice::units(e.hi[k], e.lo[k]);
+            if !lattice.periodic[k] && !(0..=lattice.extent[k]).contains(&u) {
+                let why = format!(
+                    "starts outside the domain along {}; move it or enlarge the domain",
+                    ['x', 'y', 'z'][k]
+                );
+                return Err(SetupError::Particle { id: i, at: set.position[i], why });
+            }
+        }
+        let r = set.radius[i];
+        let mass = 4.0 / 3.0 * std::f64::consts::PI * r.powi(3) * spec.materials[set.material[i]].density;
+        particles.id.push(i as u32);
+        particles.place.push(Place { lo: e.lo, radius: r as f32 });
+        particles.hi.push(e.hi);
+        particles.rest.push(e.rest);
+        let v = set.velocity.get(i).copied().unwrap_or_default();
+        let w = set.spin.get(i).copied().unwrap_or_default();
+        particles.velocity.push(Velocity { v: v.map(|x| x as f32), inv_mass: (1.0 / mass) as f32 });
+        particles.spin.push(Spin { w: w.map(|x| x as f32), material: set.material[i] as u32 });
+    }
+    particles.acceleration = vec![[0.0; 3]; count];
+    particles.angular = vec![[0.0; 3]; count];
+    particles.force = vec![[0.0; 3]; count];
+    particles.hi_ref.clone_from(&particles.hi);
+    particles.lo_ref = particles.place.iter().map(|p| p.lo).collect();
+
+    let surfaces = spec
+        .surfaces
+        .iter()
+        .map(|s| SurfaceState { present: !s.absent, base: s.pose, since: 0, reference: s.pose })
+        .collect();
+    let progress = Progress {
+        surfaces,
+        path: vec![0.0; spec.surfaces.len()],
+        impulse: vec![[0.0; 6]; spec.surfaces.len()],
+        measures: vec![Default::default(); spec.stages.first().map_or(0, |s| s.measures.len())],
+        stale: true,
+        skin: SKIN_START * radius_mean,
+        ..Progress::default()
+    };
+    let history = laws.history().into_iter().map(|s| s as f32).collect();
+    let constants = Constants {
+        spec,
+        laws,
+        history,
+        dt,
+        limits,
+        lattice,
+        pairs,
+        boundaries,
+        count,
+        radius_max,
+        radius_mean,
+        range,
+        warnings,
+    };
+    Ok((Arc::new(constants), State { particles, progress, ..State::default() }))
+}
+
+/// The properties of a pair of materials, with the overrides that the specification has for it.
+fn properties(spec: &WorldSpec, a: usize, b: usize) -> PairProperties {
+    let mut over = PairOverride::default();
+    for (p, q, o) in &spec.pairs {
+        if (*p, *q) == (a, b) || (*p, *q) == (b, a) {
+            over = o.clone();
+        }
+    }
+    // Sorted, so that both orders give the same bits.
+    let (lo, hi) = (a.min(b), a.max(b));
+    PairProperties::new(&spec.materials[lo], &spec.materials[hi], &spec.mixing, spec.shear_modulus, &over)
+}
+
+fn check_materials(spec: &WorldSpec) -> Result<(), SetupError> {
+    for m in &spec.materials {
+        let checks = [
+            (m.density > 0.0, "density", m.density, "above 0"),
+            (m.youngs_modulus > 0.0, "Young's modulus", m.youngs_modulus, "above 0"),
+            (
+                m.poissons_ratio > -1.0 && m.poissons_ratio <= 0.5,
+                "Poisson's ratio",
+                m.poissons_ratio,
+                "above -1 and up to 0.5",
+            ),
+            ((0.0..=1.0).contains(&m.restitution), "restitution", m.restitution, "from 0 to 1"),
+            (m.friction >= 0.0, "friction", m.friction, "0 or more"),
+            (
+                m.static_friction >= m.friction,
+                "static friction",
+                m.static_friction,
+                "at least the sliding friction",
+            ),
+            (m.rolling_friction >= 0.0, "rolling friction", m.rolling_friction, "0 or more"),
+        ];
+        for (fine, what, value, allowed) in checks {
+            if !fine || !value.is_finite() {
+                return Err(SetupError::Invalid(format!(
+                    "the {what} of the material `{}` is {value}; allowed is {allowed}",
+                    m.name
+                )));
+            }
+        }
+    }
+    if spec.stages.is_empty() {
+        return Err(SetupError::Invalid("the world has no stage: nothing would happen".to_owned()));
+    }
+    if !(0.0..1.0).contains(&spec.local_damping) {
+        return Err(SetupError::Invalid(format!(
+            "local damping is {}; allowed is 0 up to below 1",
+            spec.local_damping
+        )));
+    }
+    Ok(())
+}
+
+fn check_particles(spec: &WorldSpec) -> Result<(), SetupError> {
+    let set = &spec.particles;
+    if set.len() > u32::MAX as usize / 2 {
+        return Err(SetupError::Invalid(format!("{} particles are more than 2^31", set.len())));
+    }
+    for i in 0..set.len() {
+        let at = set.position[i];
+        let (r, m) = (set.radius[i], set.material[i]);
+        let why = if at.iter().any(|x| !x.is_finite()) {
+            Some("has a coordinate that is not a finite number".to_owned())
+        } else if !(r.is_finite() && r > 0.0) {
+            Some(format!("has the radius {r} m; radii are above 0"))
+        } else if m >= spec.materials.len() {
+            Some(format!("has the material number {m}, but there are {}", spec.materials.len()))
+        } else {
+            None
+        };
+        if let Some(why) = why {
+            return Err(SetupError::Particle { id: i, at, why });
+        }
+    }
+    Ok(())
+}
+
+/// Surfaces of the specification, then a plane for every side of the domain that is a wall.
+fn boundaries(spec: &WorldSpec) -> Result<Vec<Boundary>, SetupError> {
+    let mut all = Vec::new();
+    for (index, s) in spec.surfaces.iter().enumerate() {
+        let shape = match &s.shape {
+            Shape::Plane { normal } => BoundaryShape::Plane(*normal),
+            Shape::Mesh(mesh) => BoundaryShape::Mesh(mesh.clone(), Bvh::new(mesh)),
+        };
+        all.push(Boundary {
+            name: s.name.clone(),
+            material: s.material,
+            shape,
+            surface: Some(index),
+            pose: s.pose,
+        });
+    }
+    let d = &spec.domain;
+    for axis in 0..3 {
+        if (d.sides[axis][0] == Side::Periodic) != (d.sides[axis][1] == Side::Periodic) {
+            return Err(SetupError::Invalid(format!(
+                "the axis {} is periodic on one side only; make both sides periodic or neither",
+                ['x', 'y', 'z'][axis]
+            )));
+        }
+        // The inward normal of a side is the row of the inverse cell: it is across the two other vectors.
+        let columns = [0, 1, 2].map(|k| [d.cell[0][k], d.cell[1][k], d.cell[2][k]]);
+        let across = crate::lattice::cross(columns[(axis + 1) % 3], columns[(axis + 2) % 3]);
+        let sign = crate::lattice::dot(across, columns[axis]).signum();
+        let normal = crate::lattice::scale(across, sign / norm(across));
+        for side in 0..2 {
+            if d.sides[axis][side] != Side::Wall {
+                continue;
+            }
+            let material = d.material.ok_or_else(|| {
+                SetupError::Invalid("the domain has walls but no material; set domain.material".to_owned())
+            })?;
+            let (point, normal) = if side == 0 {
+                (d.origin, normal)
+            } else {
+                (crate::lattice::add(d.origin, columns[axis]), crate::lattice::scale(normal, -1.0))
+            };
+            all.push(Boundary {
+                name: format!("domain.{}{}", ['x', 'y', 'z'][axis], ["-", "+"][side]),
+                material,
+                shape: BoundaryShape::Plane(normal),
+                surface: None,
+                pose: Pose { translation: point, ..Pose::default() },
+            });
+        }
+    }
+    Ok(all)
+}
+
+/// Stable-step estimates over the smallest and largest particle of each material against every other and
+/// every boundary material.
+fn step_limits(
+    spec: &WorldSpec,
+    set: &crate::spec::ParticleSet,
+    laws: Laws,
+    pairs: &[PairCoefficients],
+) -> StepLimits {
+    let n = spec.materials.len();
+    let mut smallest = vec![f64::INFINITY; n];
+    for (&r, &m) in set.radius.iter().zip(&set.material) {
+        smallest[m] = smallest[m].min(r);
+    }
+    let mut rayleigh = f64::INFINITY;
+    let mut collision = f64::INFINITY;
+    let speed = speed_estimate(spec, set);
+    let mass = |m: usize| 4.0 / 3.0 * std::f64::consts::PI * smallest[m].powi(3) * spec.materials[m].density;
+    for a in (0..n).filter(|&m| smallest[m].is_finite()) {
+        if laws.normal.from_material() {
+            rayleigh = rayleigh.min(physics::rayleigh_time(smallest[a], &spec.materials[a]));
+        }
+        for b in 0..n {
+            let wall = Impact { m_eff: mass(a), r_eff: smallest[a], diameter: 2.0 * smallest[a] };
+            let mut impacts = vec![wall];
+            if smallest[b].is_finite() {
+                let r_eff = smallest[a] * smallest[b] / (smallest[a] + smallest[b]);
+                let m_eff = mass(a) * mass(b) / (mass(a) + mass(b));
+                impacts.push(Impact { m_eff, r_eff, diameter: 4.0 * r_eff });
+            }
+            for i in impacts {
+                collision = collision.min(laws.normal.collision_time(&pairs[a * n + b].normal, &i, speed));
+            }
+        }
+    }
+    let advised =
+        (physics::AUTO_RAYLEIGH_SHARE * rayleigh).min(collision / physics::AUTO_STEPS_PER_COLLISION);
+    StepLimits { rayleigh, collision, advised }
+}
+
+/// The largest of present speeds, tool speeds and the speed of a fall through the bed's height.
+fn speed_estimate(spec: &WorldSpec, set: &crate::spec::ParticleSet) -> f64 {
+    let present = set.velocity.iter().map(|v| norm(*v)).fold(0.0, f64::max);
+    let motions = spec
+        .surfaces
+        .iter()
+        .enumerate()
+        .map(|(i, s)| (i, s.motion))
+        .chain(spec.stages.iter().flat_map(|st| st.moves.iter().copied()));
+    let mut tools = 0.0_f64;
+    for (i, m) in motions {
+        let mut v = norm(m.velocity);
+        if let Some(o) = m.oscillation {
+            v += norm(o.amplitude) * std::f64::consts::TAU * o.frequency;
+        }
+        if let (Some(r), Shape::Mesh(mesh)) = (m.rotation, &spec.surfaces[i].shape) {
+            let pose = &spec.surfaces[i].pose;
+            let reach = mesh.vertices.iter().map(|x| {
+                let arm = crate::lattice::sub(pose.apply(*x), r.center);
+                norm(crate::lattice::cross(r.axis, arm))
+            });
+            v += r.rate.abs() * reach.fold(0.0, f64::max);
+        }
+        tools = tools.max(v);
+    }
+    let g = norm(spec.gravity);
+    let fall = if g > 0.0 && !set.is_empty() {
+        let along = |x: &Vec3| crate::lattice::dot(*x, spec.gravity) / g;
+        let (lo, hi) = set
+            .position
+            .iter()
+            .map(along)
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), h| (lo.min(h), hi.max(h)));
+        (2.0 * g * (hi - lo)).sqrt()
+    } else {
+        0.0
+    };
+    present.max(tools).max(fall).max(1e-3)
+}
+
+fn time_step(spec: &WorldSpec, l: StepLimits, warnings: &mut Vec<String>) -> Result<f64, SetupError> {
+    match spec.time.step {
+        Step::Auto if l.advised.is_finite() => Ok(l.advised),
+        Step::Auto => Err(SetupError::Invalid(
+            "step = \"auto\" needs particles to estimate the stable step from; give time.step in seconds"
+                .to_owned(),
+        )),
+        Step::Fixed(step) if !(step > 0.0 && step.is_finite()) => {
+            Err(SetupError::Invalid(format!("the time step is {step} s; allowed is above 0")))
+        }
+        Step::Fixed(step) => {
+            let (stable, limit) = if l.rayleigh.is_finite() {
+                (l.rayleigh, "the Rayleigh time of the smallest particle")
+            } else {
+                let steps = physics::AUTO_STEPS_PER_COLLISION * physics::AUTO_RAYLEIGH_SHARE;
+                (l.collision / steps, "from the duration of the shortest impact")
+            };
+            let share = step / stable;
+            if share > 1.0 && !spec.time.force {
+                return Err(SetupError::StepTooLarge {
+                    step,
+                    stable,
+                    share: 100.0 * share,
+                    limit,
+                    advised: l.advised,
+                });
+            }
+            if share > physics::WARN_RAYLEIGH_SHARE {
+                warnings.push(format!(
+                    "the time step {step:.3e} s is {:.0} % of the stable step {stable:.3e} s ({limit}); \
+                     step = \"auto\" would take {:.3e} s",
+                    100.0 * share,
+                    l.advised
+                ));
+            }
+            Ok(step)
+        }
+    }
+}

@@ -1,0 +1,254 @@
+//! Rigid surfaces: where they stand, what they touch, and which touches are one physical contact.
+
+use glebe_physics::kernel64::triangle::{closest_to_origin, foot_of_plane};
+use glebe_physics::kernel64::vector::V3;
+
+use crate::lattice::{add, cross, dot, norm, scale, sub};
+use crate::spec::{Motion, Pose, TriMesh, Vec3};
+
+impl Pose {
+    /// The pose of a body frame point in the world \[m\].
+    pub fn apply(&self, x: Vec3) -> Vec3 {
+        add(self.translation, rotate(self.rotation, x))
+    }
+    /// The body frame coordinates of a world point \[m\].
+    pub fn inverse(&self, x: Vec3) -> Vec3 {
+        let [w, i, j, k] = self.rotation;
+        rotate([w, -i, -j, -k], sub(x, self.translation))
+    }
+}
+
+/// `q x q*` for a unit quaternion (w, x, y, z).
+pub fn rotate(q: [f64; 4], x: Vec3) -> Vec3 {
+    let u = [q[1], q[2], q[3]];
+    let t = scale(cross(u, x), 2.0);
+    add(x, add(scale(t, q[0]), cross(u, t)))
+}
+
+/// The unit quaternion of a turn by `angle` \[rad\] about the unit vector `axis`.
+pub fn quaternion(axis: Vec3, angle: f64) -> [f64; 4] {
+    let (s, c) = (0.5 * angle).sin_cos();
+    [c, s * axis[0], s * axis[1], s * axis[2]]
+}
+
+fn compose(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+    [
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    ]
+}
+
+/// The pose and velocity of a driven surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Placed {
+    /// Where it stands.
+    pub pose: Pose,
+    /// Velocity of its frame's origin \[m/s\].
+    pub velocity: Vec3,
+    /// Angular velocity \[rad/s\].
+    pub spin: Vec3,
+}
+
+impl Motion {
+    /// Whether it moves at all.
+    pub fn is_fixed(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Where a surface stands that stood at `base` when the motion began `t` seconds ago. A closed form of
+    /// time: nothing accumulates, and a restart changes no bit.
+    pub fn at(&self, base: &Pose, t: f64) -> Placed {
+        let mut moved = scale(self.velocity, t);
+        let mut velocity = self.velocity;
+        if let Some(o) = self.oscillation {
+            let rate = std::f64::consts::TAU * o.frequency;
+            moved = add(moved, scale(o.amplitude, (rate * t + o.phase).sin() - o.phase.sin()));
+            velocity = add(velocity, scale(o.amplitude, rate * (rate * t + o.phase).cos()));
+        }
+        let mut pose = *base;
+        let mut spin = [0.0; 3];
+        if let Some(r) = self.rotation {
+            let q = quaternion(r.axis, r.rate * t);
+            let arm = rotate(q, sub(base.translation, r.center));
+            pose.rotation = compose(q, base.rotation);
+            pose.translation = add(r.center, arm);
+            spin = scale(r.axis, r.rate);
+            velocity = add(velocity, cross(spin, arm));
+        }
+        pose.translation = add(pose.translation, moved);
+        Placed { pose, velocity, spin }
+    }
+
+    /// Whether the surface turns.
+    pub fn turns(&self) -> bool {
+        self.rotation.is_some_and(|r| r.rate != 0.0)
+    }
+}
+
+/// A bounding volume hierarchy over the triangles of a rigid mesh, in the mesh's own frame: a rigid mesh
+/// never needs it rebuilt.
+#[derive(Clone, Debug, Default)]
+pub struct Bvh {
+    nodes: Vec<Node>,
+    order: Vec<u32>,
+}
+
+#[derive(Clone, Debug)]
+struct Node {
+    min: Vec3,
+    max: Vec3,
+    /// Leaf: first triangle in `order`; else index of the second child (the first follows its parent).
+    link: u32,
+    /// Triangles of a leaf, 0 for an inner node.
+    count: u32,
+}
+
+const LEAF: usize = 4;
+
+impl Bvh {
+    /// The hierarchy of a mesh.
+    pub fn new(mesh: &TriMesh) -> Self {
+        let corners = |t: &[u32; 3]| t.map(|v| mesh.vertices[v as usize]);
+        let boxes: Vec<(Vec3, Vec3)> = mesh.triangles.iter().map(|t| bounds(&corners(t))).collect();
+        let mut bvh = Self { nodes: Vec::new(), order: (0..mesh.triangles.len() as u32).collect() };
+        let end = bvh.order.len();
+        if end > 0 {
+            bvh.split(&boxes, 0, end);
+        }
+        bvh
+    }
+
+    fn split(&mut self, boxes: &[(Vec3, Vec3)], begin: usize, end: usize) {
+        let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for &t in &self.order[begin..end] {
+            let (a, b) = boxes[t as usize];
+            for k in 0..3 {
+                min[k] = min[k].min(a[k]);
+                max[k] = max[k].max(b[k]);
+            }
+        }
+        let node = self.nodes.len();
+        let count = end - begin;
+        self.nodes.push(Node { min, max, link: begin as u32, count: count as u32 });
+        if count <= LEAF {
+            return;
+        }
+        let size = sub(max, min);
+        let axis = (0..3).fold(0, |a, k| if size[k] > size[a] { k } else { a });
+        let middle = begin + count / 2;
+        let center = |t: &u32| boxes[*t as usize].0[axis] + boxes[*t as usize].1[axis];
+        self.order[begin..end]
+            .select_nth_unstable_by(count / 2, |a, b| center(a).total_cmp(&center(b)).then(a.cmp(b)));
+        self.split(boxes, begin, middle);
+        self.nodes[node].link = self.nodes.len() as u32;
+        self.nodes[node].count = 0;
+        self.split(boxes, middle, end);
+    }
+
+    /// The box around the mesh.
+    pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
+        self.nodes.first().map(|n| (n.min, n.max))
+    }
+
+    /// Appends the triangles whose boxes come within `reach` of the body frame point `x`.
+    pub fn near(&self, x: Vec3, reach: f64, found: &mut Vec<u32>) {
+        let mut stack = [0_u32; 64];
+        let mut depth = usize::from(!self.nodes.is_empty());
+        while depth > 0 {
+            depth -= 1;
+            let at = stack[depth] as usize;
+            let node = &self.nodes[at];
+            let gap = |k: usize| (node.min[k] - x[k]).max(x[k] - node.max[k]).max(0.0);
+            if gap(0) * gap(0) + gap(1) * gap(1) + gap(2) * gap(2) > reach * reach {
+                continue;
+            }
+            if node.count > 0 {
+                let first = node.link as usize;
+                found.extend_from_slice(&self.order[first..first + node.count as usize]);
+            } else {
+                // Halving keeps the depth below 32 levels for any mesh that u32 can count.
+                stack[depth] = node.link;
+                stack[depth + 1] = at as u32 + 1;
+                depth += 2;
+            }
+        }
+    }
+}
+
+fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
+    points.iter().fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(lo, hi), p| {
+        ([0, 1, 2].map(|k| lo[k].min(p[k])), [0, 1, 2].map(|k| hi[k].max(p[k])))
+    })
+}
+
+/// A place where a sphere and a surface touch, relative to the sphere's centre.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// Unit vector from the sphere's centre into the surface.
+    pub n: Vec3,
+    /// Distance from the centre \[m\].
+    pub distance: f64,
+    /// Triangle, 0 for a plane.
+    pub triangle: u32,
+    /// 0 face, 1 edge, 2 vertex.
+    rank: u8,
+}
+
+impl SurfacePoint {
+    /// Where a sphere whose centre is `height` above a plane of unit normal `normal` touches it, or `None`
+    /// beyond `reach`.
+    pub fn of_plane(normal: Vec3, height: f64, reach: f64) -> Option<Self> {
+        let into = scale(normal, -height.signum());
+        (height < reach).then_some(Self { n: into, distance: height.abs(), triangle: 0, rank: 0 })
+    }
+}
+
+/// The point of a triangle closest to a sphere's centre, or `None` beyond `reach`. Vertices are relative
+/// to the centre.
+pub fn touch(vertices: [Vec3; 3], triangle: u32, reach: f64) -> Option<SurfacePoint> {
+    let [a, b, c] = vertices.map(|v| V3 { x: v[0], y: v[1], z: v[2] });
+    let closest = closest_to_origin(a, b, c);
+    let p = if closest.feature == 0 { foot_of_plane(a, b, c) } else { closest.point };
+    let point = [p.x, p.y, p.z];
+    let distance = norm(point);
+    if distance >= reach {
+        return None;
+    }
+    let n = if distance > 0.0 {
+        scale(point, 1.0 / distance)
+    } else {
+        // The centre lies on the surface: the face's normal is as good as its opposite.
+        let m = cross(sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0]));
+        scale(m, 1.0 / norm(m))
+    };
+    Some(SurfacePoint { n, distance, triangle, rank: [0, 1, 1, 1, 2, 2, 2][closest.feature as usize] })
+}
+
+/// Reduces the touches of one sphere with one mesh to its physical contacts, in a fixed order.
+///
+/// Face beats edge beats vertex; of equals the closer, then the lower triangle. A touch is dropped when it
+/// lies on or below the plane through an accepted contact across its normal, raised by that contact's
+/// overlap: there the surface is flat or convex and the touch belongs to the same contact. What remains are
+/// the walls of concave corners. So a floor acts as one plane whatever its triangulation, and a convex
+/// edge acts once.
+pub fn physical_contacts(touches: &mut Vec<SurfacePoint>, radius: f64) {
+    touches.sort_unstable_by(|a, b| {
+        a.rank.cmp(&b.rank).then(a.distance.total_cmp(&b.distance)).then(a.triangle.cmp(&b.triangle))
+    });
+    let mut kept = 0;
+    for t in 0..touches.len() {
+        let q = touches[t];
+        let shadowed = touches[..kept].iter().any(|p| {
+            // Height of q above the plane at p, towards the centre.
+            let height = p.distance - q.distance * dot(q.n, p.n);
+            height <= (radius - p.distance).max(1e-6 * radius)
+        });
+        if !shadowed {
+            touches[kept] = q;
+            kept += 1;
+        }
+    }
+    touches.truncate(kept);
+}

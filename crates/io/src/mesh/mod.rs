@@ -1,0 +1,75 @@
+//! Triangle meshes: STL (ASCII and binary) and OBJ in, STL out.
+//!
+//! Files that people draw are rarely clean, so reading has three steps: a parser per
+//! format gives loose triangles, [`Transform`] places them in metres, and one assembly
+//! step (shared with [`crate::tool`]) welds vertices, drops what the contact geometry cannot use and
+//! counts what is wrong into a [`MeshReport`].
+//!
+//! The parsers are our own because errors must name the line, the facet or the byte, and no
+//! allocation may follow a number that a damaged header claims.
+
+mod assemble;
+mod error;
+mod obj;
+mod report;
+mod stl;
+mod transform;
+
+use std::{fs, io, path::Path};
+
+use glebe_engine::spec::{TriMesh, Vec3};
+
+pub(crate) use assemble::assemble;
+pub use error::{MeshError, Place, TransformError};
+pub use report::MeshReport;
+pub use stl::{StlFormat, write_stl};
+pub use transform::Transform;
+
+/// Corners of one triangle \[m\], counter-clockwise seen from outside.
+pub(crate) type Corners = [Vec3; 3];
+
+/// Reads the mesh file `path` (`.stl` or `.obj`, in any case) and applies `transform`.
+///
+/// Vertices that are equal, or closer than 1e-7 of the longest side of the bounding box, become one;
+/// degenerate triangles (height below 1e-6 of the longest edge, where an `f32` normal is rounding
+/// noise) and repeated triangles (same three vertices, either winding: each would push a particle
+/// again) are left out. All of that is counted in the report. Winding is reported, not repaired:
+/// both sides of a mesh act on particles.
+///
+/// Polygons of an OBJ file are cut into a fan from their first corner, which is right for convex ones.
+/// Units are those of the file times `transform.scale`: neither format says which they are.
+///
+/// # Errors
+/// A file that is missing, unreadable, of another kind, cut short, malformed, or without a usable
+/// triangle; coordinates or a transform that are not finite numbers. The message names the place.
+pub fn read(path: &Path, transform: &Transform) -> Result<(TriMesh, MeshReport), MeshError> {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    let parse = match extension.as_str() {
+        "stl" => stl::parse,
+        "obj" => obj::parse,
+        _ => return Err(MeshError::Extension { path: path.into(), found: extension }),
+    };
+    let at_fault = |source| MeshError::Transform { path: path.into(), source };
+    let place = transform.compile().map_err(at_fault)?;
+    let bytes = fs::read(path).map_err(|source| match source.kind() {
+        io::ErrorKind::NotFound => MeshError::Missing { path: path.into() },
+        _ => MeshError::Read { path: path.into(), source },
+    })?;
+    let mut soup = parse(path, &bytes)?;
+    drop(bytes);
+    place.apply(&mut soup).map_err(at_fault)?;
+    // Three vertices a triangle must fit into u32 indices.
+    if soup.len() > (u32::MAX / 3) as usize {
+        return Err(MeshError::TooLarge { path: path.into(), triangles: soup.len() });
+    }
+    let (mesh, report) = assemble(&soup);
+    if mesh.triangles.is_empty() {
+        return Err(MeshError::NoTriangles { path: path.into(), degenerate: report.degenerate });
+    }
+    Ok((mesh, report))
+}
+
+/// Number, from 1, of the last line of a text that is not blank.
+fn last_line(text: &[u8]) -> usize {
+    text.trim_ascii_end().split(|b| *b == b'\n').count()
+}

@@ -1,0 +1,181 @@
+//! The output folder: who may write into it, and what of it is ours.
+
+use std::fs;
+use std::io::{ErrorKind, Read};
+use std::path::{Path, PathBuf};
+
+use super::atomic::{OutputError, PARTIAL_PREFIX, write_atomic};
+
+/// The first line of every SVG file that glebe writes, by which it knows its own plots again.
+pub const SVG_MARK: &str = "<!-- plotted by glebe -->";
+
+/// Files at the top of an output folder that belong to a run.
+const OWN_FILES: [&str; 6] =
+    ["series.csv", "series.parquet", "summary.json", "frames.pvd", "report.html", "worlds.csv"];
+
+/// The folder that a run writes its results into.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OutputDir {
+    path: PathBuf,
+}
+
+impl OutputDir {
+    /// Makes a folder for a new run, with its parents, and checks that it can be written to.
+    ///
+    /// A folder that exists must be empty. With `force` the results of an earlier run are removed
+    /// from it: only files that glebe itself writes, everything else stays untouched.
+    ///
+    /// # Errors
+    /// [`OutputError::NotEmpty`] without `force`; [`OutputError::NotAFolder`];
+    /// [`OutputError::Io`] for a place that cannot be written to.
+    pub fn create(path: &Path, force: bool) -> Result<Self, OutputError> {
+        if path.exists() && !path.is_dir() {
+            return Err(OutputError::NotAFolder { path: path.to_owned() });
+        }
+        fs::create_dir_all(path).map_err(|e| OutputError::io(path, "make this folder", e))?;
+        if force {
+            remove_own(path)?;
+        } else if let Some(example) = names(path)?.into_iter().find(|name| !name.starts_with(PARTIAL_PREFIX))
+        {
+            return Err(OutputError::NotEmpty { path: path.to_owned(), example });
+        }
+        let dir = Self { path: path.to_owned() };
+        dir.probe()?;
+        Ok(dir)
+    }
+
+    /// Opens the folder of an earlier run, to continue it.
+    ///
+    /// # Errors
+    /// [`OutputError::NothingToResume`] if there is no folder or no checkpoint in it;
+    /// [`OutputError::Io`] for a place that cannot be written to.
+    pub fn open_existing(path: &Path) -> Result<Self, OutputError> {
+        let missing = |why| OutputError::NothingToResume { path: path.to_owned(), why };
+        if !path.is_dir() {
+            return Err(missing("does not exist"));
+        }
+        let dir = Self { path: path.to_owned() };
+        let checkpoints = dir.checkpoints();
+        if !checkpoints.is_dir() || !names(&checkpoints)?.iter().any(|name| is_checkpoint(name)) {
+            return Err(missing("holds no checkpoint"));
+        }
+        dir.probe()?;
+        Ok(dir)
+    }
+
+    /// The folder itself.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+    /// Where `series.csv` is.
+    pub fn series(&self) -> PathBuf {
+        self.path.join("series.csv")
+    }
+    /// Where `summary.json` is.
+    pub fn summary(&self) -> PathBuf {
+        self.path.join("summary.json")
+    }
+    /// The folder of the checkpoints; it may not exist yet.
+    pub fn checkpoints(&self) -> PathBuf {
+        self.path.join("checkpoint")
+    }
+    /// The folder of the frames; it may not exist yet.
+    pub fn frames(&self) -> PathBuf {
+        self.path.join("frames")
+    }
+    /// Where the collection of the frames is.
+    pub fn frames_pvd(&self) -> PathBuf {
+        self.path.join("frames.pvd")
+    }
+    /// Where the plot `name` (without extension) is. Plots start with [`SVG_MARK`].
+    pub fn plot(&self, name: &str) -> PathBuf {
+        self.path.join(format!("{name}.svg"))
+    }
+
+    /// A read-only folder should be told of before hours of computing, not after.
+    fn probe(&self) -> Result<(), OutputError> {
+        let file = self.path.join(format!("{PARTIAL_PREFIX}probe-{}", std::process::id()));
+        write_atomic(&file, |_| Ok(()))
+            .and_then(|()| fs::remove_file(&file).map_err(|e| OutputError::io(&file, "remove this file", e)))
+            .map_err(|e| match e {
+                OutputError::Io { source, .. } => {
+                    OutputError::io(&self.path, "write into this folder", source)
+                }
+                other => other,
+            })
+    }
+}
+
+/// The names in a folder, sorted. Names that are not Unicode are not ours, and shown with `�`.
+fn names(folder: &Path) -> Result<Vec<String>, OutputError> {
+    let read = |e| OutputError::io(folder, "read this folder", e);
+    let mut names = fs::read_dir(folder)
+        .map_err(read)?
+        .map(|entry| Ok(entry.map_err(read)?.file_name().to_string_lossy().into_owned()))
+        .collect::<Result<Vec<_>, OutputError>>()?;
+    names.sort();
+    Ok(names)
+}
+
+fn remove_own(path: &Path) -> Result<(), OutputError> {
+    for name in names(path)? {
+        let file = path.join(&name);
+        if is_file(&file)
+            && (OWN_FILES.contains(&name.as_str()) || name.starts_with(PARTIAL_PREFIX) || is_own_plot(&file)?)
+        {
+            remove_file(&file)?;
+        }
+    }
+    remove_own_in(&path.join("frames"), is_frame)?;
+    remove_own_in(&path.join("checkpoint"), is_checkpoint)
+}
+
+/// Removes a folder's files whose names are `own`, and the folder if nothing is left in it.
+fn remove_own_in(folder: &Path, own: impl Fn(&str) -> bool) -> Result<(), OutputError> {
+    // A link may lead to somebody else's files.
+    if !folder.symlink_metadata().is_ok_and(|m| m.is_dir()) {
+        return Ok(());
+    }
+    for name in names(folder)? {
+        let file = folder.join(&name);
+        if is_file(&file) && (own(&name) || name.starts_with(PARTIAL_PREFIX)) {
+            remove_file(&file)?;
+        }
+    }
+    match fs::remove_dir(folder) {
+        Err(e) if e.kind() != ErrorKind::DirectoryNotEmpty => {
+            Err(OutputError::io(folder, "remove this folder", e))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn remove_file(file: &Path) -> Result<(), OutputError> {
+    fs::remove_file(file).map_err(|e| OutputError::io(file, "remove this file", e))
+}
+
+fn is_file(path: &Path) -> bool {
+    path.symlink_metadata().is_ok_and(|m| m.is_file())
+}
+
+/// `000012_particles.vtp`
+fn is_frame(name: &str) -> bool {
+    name.strip_suffix(".vtp")
+        .and_then(|stem| stem.split_once('_'))
+        .is_some_and(|(number, _)| number.len() >= 6 && number.bytes().all(|b| b.is_ascii_digit()))
+}
+
+fn is_checkpoint(name: &str) -> bool {
+    crate::checkpoint::sequence_number(name).is_some()
+}
+
+fn is_own_plot(file: &Path) -> Result<bool, OutputError> {
+    if file.extension().is_none_or(|e| e != "svg") {
+        return Ok(false);
+    }
+    let mut start = Vec::new();
+    fs::File::open(file)
+        .and_then(|f| f.take(SVG_MARK.len() as u64).read_to_end(&mut start))
+        .map_err(|e| OutputError::io(file, "read this file", e))?;
+    Ok(start == SVG_MARK.as_bytes())
+}

@@ -1,0 +1,107 @@
+//! ParaView's collection files (`.pvd`): which file shows which part at which time.
+
+use std::path::Path;
+use std::{fs, io};
+
+use super::atomic::{OutputError, write_atomic};
+
+/// One file of a collection.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    /// Simulated time \[s\].
+    pub time: f64,
+    /// Number of the part; the same at all times.
+    pub part: usize,
+    /// Name of the part.
+    pub name: String,
+    /// Path of the file, relative to the collection's folder, with `/`.
+    pub file: String,
+}
+
+/// Writes a collection, whole or not at all.
+///
+/// # Errors
+/// [`OutputError::Io`].
+pub fn write(path: &Path, entries: &[Entry]) -> Result<(), OutputError> {
+    write_atomic(path, |out| {
+        out.write_all(
+            b"<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\" \
+              byte_order=\"LittleEndian\">\n  <Collection>\n",
+        )?;
+        for e in entries {
+            writeln!(
+                out,
+                "    <DataSet timestep=\"{:?}\" part=\"{}\" name=\"{}\" file=\"{}\"/>",
+                e.time,
+                e.part,
+                escape(&e.name),
+                escape(&e.file)
+            )?;
+        }
+        out.write_all(b"  </Collection>\n</VTKFile>\n")
+    })
+}
+
+/// Reads a collection that [`write()`] made.
+///
+/// # Errors
+/// [`OutputError::Malformed`] for any other file, [`OutputError::Io`].
+pub fn read(path: &Path) -> Result<Vec<Entry>, OutputError> {
+    let read = |e: io::Error| OutputError::io(path, "read this collection of frames", e);
+    let text = fs::read_to_string(path).map_err(read)?;
+    let malformed = |line: usize| OutputError::Malformed {
+        path: path.to_owned(),
+        what: format!("line {line} is not as glebe writes it, so the frames cannot be continued"),
+    };
+    text.lines()
+        .enumerate()
+        .filter(|(_, line)| line.trim_start().starts_with("<DataSet "))
+        .map(|(k, line)| entry(line).ok_or_else(|| malformed(k + 1)))
+        .collect()
+}
+
+fn entry(line: &str) -> Option<Entry> {
+    let attribute = |name: &str| {
+        let (_, rest) = line.split_once(&format!(" {name}=\""))?;
+        rest.split_once('"').map(|(value, _)| unescape(value))
+    };
+    Some(Entry {
+        time: attribute("timestep")?.parse().ok()?,
+        part: attribute("part")?.parse().ok()?,
+        name: attribute("name")?,
+        file: attribute("file")?,
+    })
+}
+
+/// The characters that XML reserves in an attribute; a line break would be read back as a space.
+const RESERVED: [(char, &str); 8] = [
+    ('&', "&amp;"),
+    ('<', "&lt;"),
+    ('>', "&gt;"),
+    ('"', "&quot;"),
+    ('\'', "&apos;"),
+    ('\n', "&#10;"),
+    ('\r', "&#13;"),
+    ('\t', "&#9;"),
+];
+
+/// Text as it stands in XML. Control characters, which XML cannot hold at all, become `�`.
+pub(super) fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match RESERVED.iter().find(|(reserved, _)| *reserved == c) {
+            Some((_, entity)) => out.push_str(entity),
+            None if c.is_control() => out.push('\u{fffd}'),
+            None => out.push(c),
+        }
+    }
+    out
+}
+
+fn unescape(text: &str) -> String {
+    // `&amp;` last, so that what it yields is not read as the beginning of another entity.
+    RESERVED
+        .iter()
+        .rev()
+        .fold(text.to_owned(), |t, (c, entity)| t.replace(entity, c.encode_utf8(&mut [0; 4])))
+}

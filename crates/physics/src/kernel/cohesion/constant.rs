@@ -1,0 +1,38 @@
+//! A constant attraction while bodies touch, as CHRONO has it.
+//!
+//! Coefficients: a = force F_c \[N\].
+
+use super::{Attraction, Coefficients, Cohesion, Touch};
+use crate::cube::*;
+use crate::{Law, LawError, LawInfo, ParameterInfo, Preparation};
+
+/// Constant cohesion.
+pub struct Constant;
+
+impl Law for Constant {
+    const INFO: LawInfo = LawInfo {
+        name: "constant",
+        summary: "a constant attraction while bodies touch",
+        source: "Fang et al. 2021 (Chrono::GPU), section 2.1",
+        parameters: &[ParameterInfo {
+            name: "force",
+            unit: "N",
+            required: true,
+            default: None,
+            min: 0.0,
+            summary: "attraction in every contact",
+        }],
+    };
+
+    fn prepare(p: &Preparation<'_>) -> Result<[f64; 4], LawError> {
+        Ok([p.value("force"), 0.0, 0.0, 0.0])
+    }
+}
+
+#[cfg_attr(feature = "gpu", cube)]
+impl Cohesion for Constant {
+    #[inline(always)]
+    fn attraction(k: &Coefficients, c: Touch) -> Attraction {
+        Attraction { force: k.a, energy: 0.0f32 - k.a * c.delta }
+    }
+}

@@ -1,0 +1,79 @@
+//! Contact kinematics: what laws see of two bodies that touch.
+//!
+//! `n` is the unit vector from i to j and `δ > 0` means overlap. The contact point lies in the middle of
+//! the overlap, so the lever arms of two spheres add up to their distance and angular momentum is
+//! conserved. (GPUDEM eq. 13 prints δ with the other sign.)
+
+use super::vector::{V3, cross, dot, minus, plus, scaled};
+use crate::cube::*;
+
+/// The four coefficients of a law for one pair of materials; the law's file says what they mean.
+#[cfg_attr(feature = "gpu", derive(CubeType, CubeLaunch))]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Coefficients {
+    /// First.
+    pub a: f32,
+    /// Second.
+    pub b: f32,
+    /// Third.
+    pub c: f32,
+    /// Fourth.
+    pub d: f32,
+}
+
+/// Size and speed of a contact, as normal laws see it.
+#[cfg_attr(feature = "gpu", derive(CubeType))]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Touch {
+    /// Overlap δ \[m\].
+    pub delta: f32,
+    /// Approach speed `dδ/dt` \[m/s\].
+    pub vn: f32,
+    /// Effective radius R* \[m\]; R on a wall.
+    pub r_eff: f32,
+    /// Effective mass m* \[kg\]; m on a driven wall.
+    pub m_eff: f32,
+    /// 4R* between spheres, 2R on a wall \[m\]: what CHRONO measures overlaps by.
+    pub diameter: f32,
+}
+
+/// Distance between two spheres and where they touch.
+#[cfg_attr(feature = "gpu", derive(CubeType))]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Separation {
+    /// Unit vector from i to j.
+    pub n: V3,
+    /// Distance of the centres \[m\].
+    pub distance: f32,
+    /// Overlap δ \[m\], negative when apart.
+    pub delta: f32,
+}
+
+/// How two spheres lie to each other: `d = xⱼ - xᵢ` \[m\], radii \[m\].
+///
+/// `δ = (S² - d²)/(S + d)` with `S = Rᵢ + Rⱼ` does not lose digits to the square root.
+#[cfg_attr(feature = "gpu", cube)]
+#[inline(always)]
+pub fn separation(d: V3, ri: f32, rj: f32) -> Separation {
+    let d2 = dot(d, d);
+    let distance = f32::sqrt(d2);
+    let sum = ri + rj;
+    Separation { n: scaled(d, 1.0f32 / distance), distance, delta: (sum * sum - d2) / (sum + distance) }
+}
+
+/// Velocity of body i relative to body j at their contact \[m/s\], spins included.
+///
+/// `arm_i` and `arm_j` are the distances of the centres from the contact point; for a wall `vj` is the
+/// wall's velocity at the contact point and `arm_j = 0`.
+#[cfg_attr(feature = "gpu", cube)]
+#[inline(always)]
+pub fn relative_velocity(vi: V3, vj: V3, wi: V3, wj: V3, n: V3, arm_i: f32, arm_j: f32) -> V3 {
+    plus(minus(vi, vj), cross(plus(scaled(wi, arm_i), scaled(wj, arm_j)), n))
+}
+
+/// The part of `u` across `n`.
+#[cfg_attr(feature = "gpu", cube)]
+#[inline(always)]
+pub fn tangential_part(u: V3, n: V3) -> V3 {
+    minus(u, scaled(n, dot(u, n)))
+}

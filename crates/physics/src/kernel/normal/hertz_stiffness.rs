@@ -1,0 +1,65 @@
+//! Hertz contact with the stiffness given by the user, as CHRONO has it:
+//! `F = √(δ/D) (k̂ δ + m* γ̂ vₙ)`, with D = 4R* between spheres (2R for equal ones) and 2R on a wall.
+//! Its restitution depends on speed.
+//!
+//! Coefficients: a = k̂ \[N/m\], b = γ̂ \[1/s\].
+
+use super::{Coefficients, Normal, NormalForce, Touch};
+use crate::cube::*;
+use crate::{
+    Impact, Law, LawError, LawInfo, ParameterInfo, Preparation, equivalent_e_star, hertz_collision_time,
+};
+
+/// Hertz contact with given stiffness.
+pub struct HertzStiffness;
+
+impl Law for HertzStiffness {
+    const INFO: LawInfo = LawInfo {
+        name: "hertz-stiffness",
+        summary: "Hertz contact with the stiffness and damping given instead of E and e",
+        source: "Fang et al. 2021 (Chrono::GPU), section 2.1 and Table 4",
+        parameters: &[
+            ParameterInfo {
+                name: "stiffness",
+                unit: "N/m",
+                required: true,
+                default: None,
+                min: f64::MIN_POSITIVE,
+                summary: "normal stiffness k̂ at an overlap of one diameter",
+            },
+            ParameterInfo {
+                name: "damping",
+                unit: "1/s",
+                required: false,
+                default: Some(0.0),
+                min: 0.0,
+                summary: "normal damping γ̂ per effective mass",
+            },
+        ],
+    };
+
+    fn prepare(p: &Preparation<'_>) -> Result<[f64; 4], LawError> {
+        Ok([p.value("stiffness"), p.value("damping"), 0.0, 0.0])
+    }
+
+    const FROM_MATERIAL: bool = false;
+
+    fn collision_time(k: &[f64; 4], i: &Impact, speed: f64) -> f64 {
+        hertz_collision_time(i.m_eff, i.r_eff, equivalent_e_star(k[0], i.diameter, i.r_eff), speed)
+    }
+}
+
+#[cfg_attr(feature = "gpu", cube)]
+impl Normal for HertzStiffness {
+    #[inline(always)]
+    fn force(k: &Coefficients, c: Touch) -> NormalForce {
+        let root = f32::sqrt(c.delta / c.diameter);
+        let elastic = k.a * root * c.delta;
+        NormalForce {
+            elastic,
+            viscous: k.b * root * c.m_eff * c.vn,
+            stiffness: 1.5f32 * k.a * root,
+            energy: 0.4f32 * elastic * c.delta,
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! From names to laws: the choice of a world resolved and prepared for pairs of materials.
+
+use crate::kernel::cohesion::CohesionLaw;
+use crate::kernel::normal::NormalLaw;
+use crate::kernel::rolling::RollingLaw;
+use crate::kernel::tangential::TangentialLaw;
+use crate::{ContactEnd, ContactModel, History, LawChoice, LawError, LawInfo, PairProperties, Preparation};
+
+/// The slots that laws sit in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Slot {
+    /// Normal force.
+    Normal,
+    /// Tangential force.
+    Tangential,
+    /// Rolling torque.
+    Rolling,
+    /// Cohesive force.
+    Cohesion,
+}
+
+impl Slot {
+    /// Every slot.
+    pub const ALL: [Self; 4] = [Self::Normal, Self::Tangential, Self::Rolling, Self::Cohesion];
+
+    /// Name in a scene.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Normal => "normal",
+            Self::Tangential => "tangential",
+            Self::Rolling => "rolling",
+            Self::Cohesion => "cohesion",
+        }
+    }
+}
+
+/// Every registered law of a slot, in the order of the registry.
+pub fn laws(slot: Slot) -> &'static [LawInfo] {
+    match slot {
+        Slot::Normal => NormalLaw::INFO,
+        Slot::Tangential => TangentialLaw::INFO,
+        Slot::Rolling => RollingLaw::INFO,
+        Slot::Cohesion => CohesionLaw::INFO,
+    }
+}
+
+/// The law of each slot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Laws {
+    /// Normal force.
+    pub normal: NormalLaw,
+    /// Tangential force.
+    pub tangential: TangentialLaw,
+    /// Rolling torque.
+    pub rolling: RollingLaw,
+    /// Cohesion.
+    pub cohesion: CohesionLaw,
+}
+
+/// The coefficients of one pair of materials, before rounding to a device's precision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PairCoefficients {
+    /// Of the normal law.
+    pub normal: [f64; 4],
+    /// Of the tangential law.
+    pub tangential: [f64; 4],
+    /// Of the rolling law.
+    pub rolling: [f64; 4],
+    /// Of the law of cohesion.
+    pub cohesion: [f64; 4],
+    /// Sliding and static friction.
+    pub friction: [f64; 2],
+    /// 1 if the spring is kept from step to step.
+    pub remember: f64,
+    /// 1 if the spring is shortened at slip.
+    pub truncate: f64,
+    /// 1 if the normal force cannot pull.
+    pub clip: f64,
+    /// Interaction distance beyond touch \[m\].
+    pub range: f64,
+}
+
+impl Laws {
+    /// The laws that `model` names.
+    pub fn resolve(model: &ContactModel) -> Result<Self, LawError> {
+        Ok(Self {
+            normal: NormalLaw::ALL[find(Slot::Normal, &model.normal)?],
+            tangential: TangentialLaw::ALL[find(Slot::Tangential, &model.tangential)?],
+            rolling: RollingLaw::ALL[find(Slot::Rolling, &model.rolling)?],
+            cohesion: CohesionLaw::ALL[find(Slot::Cohesion, &model.cohesion)?],
+        })
+    }
+
+    /// What is remembered per contact, slot after slot: for each float the sign that it takes when the two
+    /// bodies change roles.
+    pub fn history(&self) -> Vec<f64> {
+        [self.normal.history(), self.tangential.history(), self.rolling.history(), self.cohesion.history()]
+            .concat()
+    }
+
+    /// The coefficients of a pair.
+    pub fn prepare(&self, model: &ContactModel, pair: &PairProperties) -> Result<PairCoefficients, LawError> {
+        if !(0.0..=1.0).contains(&pair.restitution) {
+            return Err(LawError::Range {
+                law: self.normal.info().name,
+                name: "restitution",
+                value: pair.restitution,
+                allowed: "from 0 to 1".to_owned(),
+            });
+        }
+        fn of<'a>(
+            model: &ContactModel,
+            pair: &'a PairProperties,
+            info: &'static LawInfo,
+            given: &'a LawChoice,
+        ) -> Preparation<'a> {
+            Preparation { pair, end: model.end, info, given: &given.parameters }
+        }
+        let normal = self.normal.prepare(&of(model, pair, self.normal.info(), &model.normal))?;
+        let tangential =
+            self.tangential.prepare(&of(model, pair, self.tangential.info(), &model.tangential))?;
+        let rolling = self.rolling.prepare(&of(model, pair, self.rolling.info(), &model.rolling))?;
+        let cohesion = self.cohesion.prepare(&of(model, pair, self.cohesion.info(), &model.cohesion))?;
+        let range = [
+            self.normal.range(&normal),
+            self.tangential.range(&tangential),
+            self.rolling.range(&rolling),
+            self.cohesion.range(&cohesion),
+        ];
+        Ok(PairCoefficients {
+            normal,
+            tangential,
+            rolling,
+            cohesion,
+            friction: [pair.friction, pair.static_friction],
+            remember: f64::from(u8::from(model.history != History::None)),
+            truncate: f64::from(u8::from(model.history != History::Unbounded)),
+            clip: f64::from(u8::from(model.end == ContactEnd::NoTension)),
+            range: range.into_iter().fold(0.0, f64::max),
+        })
+    }
+}
+
+/// The index of the chosen law in its slot, its parameters checked.
+fn find(slot: Slot, choice: &LawChoice) -> Result<usize, LawError> {
+    let known = laws(slot);
+    let index = known.iter().position(|l| l.name == choice.law).ok_or_else(|| LawError::Unknown {
+        slot: slot.name(),
+        name: choice.law.clone(),
+        known: known.iter().map(|l| l.name).collect::<Vec<_>>().join(", "),
+    })?;
+    let law = &known[index];
+    for (name, value) in &choice.parameters {
+        let p = law.parameters.iter().find(|p| p.name == name).ok_or_else(|| LawError::UnknownParameter {
+            law: law.name,
+            name: name.clone(),
+            known: match law.parameters {
+                [] => "none".to_owned(),
+                all => all.iter().map(|p| p.name).collect::<Vec<_>>().join(", "),
+            },
+        })?;
+        if !value.is_finite() || *value < p.min {
+            let allowed =
+                if p.min == f64::MIN_POSITIVE { "above 0".to_owned() } else { format!("{} or more", p.min) };
+            return Err(LawError::Range { law: law.name, name: p.name, value: *value, allowed });
+        }
+    }
+    match law.parameters.iter().find(|p| p.required && !choice.parameters.iter().any(|(n, _)| n == p.name)) {
+        Some(p) => {
+            Err(LawError::MissingParameter { law: law.name, name: p.name, unit: p.unit, summary: p.summary })
+        }
+        None => Ok(index),
+    }
+}
