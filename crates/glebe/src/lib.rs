@@ -1,1 +1,2 @@
-//! placeholder
+//! glebe: a Discrete Element Method engine.
+

@@ -8,9 +8,9 @@ use std::path::PathBuf;
 use glebe_engine::SetupError;
 use glebe_engine::spec::{Action, Measure, Shape, Window};
 use glebe_io::mesh::{StlFormat, write_stl};
-use glebe_io::scene::{BuiltScene, Scene, SceneError};
+use glebe_io::scene::{BuiltScene, SceneError};
 use glebe_io::tool::Sweep;
-use scene_common::{EXAMPLE, edited};
+use scene_common::{EXAMPLE, edited, good, single};
 
 /// A folder of its own that goes away with the test.
 struct Folder(PathBuf);
@@ -26,15 +26,10 @@ impl Folder {
         self
     }
     fn build(&self, text: &str) -> Result<BuiltScene, Vec<SceneError>> {
-        let scene = Scene::parse("scene.toml", text, &[]).unwrap_or_else(|errors| {
-            panic!("{}", errors.iter().map(|e| format!("{e:#}")).collect::<String>())
-        });
-        scene.build(&self.0)
+        good(text, &[]).build(&self.0)
     }
     fn only_error(&self, text: &str) -> SceneError {
-        let errors = self.build(text).unwrap_err();
-        assert_eq!(errors.len(), 1, "{}", errors.iter().map(|e| format!("{e:#}")).collect::<String>());
-        errors[0].clone()
+        single(self.build(text).unwrap_err())
     }
 }
 

@@ -2,8 +2,8 @@
 
 mod scene_common;
 
-use glebe_io::scene::Scene;
-use scene_common::{EXAMPLE, edited, full_text, only, report};
+use glebe_io::scene::{Scene, SceneError};
+use scene_common::{EXAMPLE, all, edited, full_text, good, only, report};
 
 #[test]
 fn an_unknown_key_is_told_with_the_nearest_one() {
@@ -432,8 +432,8 @@ fn slips_of_a_unit_are_warnings() {
             "`geometry.sweep.rotate.angle` is 30 rad, which is unusual",
         ),
     ] {
-        let scene = Scene::parse("scene.toml", &edited(from, to), &[]).unwrap();
-        assert_eq!(scene.warnings.iter().map(|w| w.message()).collect::<Vec<_>>(), [message]);
+        let scene = good(&edited(from, to), &[]);
+        assert_eq!(scene.warnings.iter().map(SceneError::message).collect::<Vec<_>>(), [message]);
         assert!(scene.warnings[0].is_warning());
     }
 }
@@ -461,4 +461,24 @@ fn miette_gets_the_place_and_the_words() {
     assert_eq!((contents.name(), contents.line()), (Some("scene.toml"), 18));
     assert_eq!(error.help().unwrap().to_string(), "allowed is 0 to 1");
     assert_eq!(error.code().unwrap().to_string(), "range");
+}
+
+/// Whatever is typed gets an answer: the example cut off anywhere, and with every character lost or doubled.
+#[test]
+fn no_text_makes_the_reader_panic() {
+    let mut refused = 0;
+    for (at, c) in EXAMPLE.char_indices() {
+        let after = &EXAMPLE[at + c.len_utf8()..];
+        for text in [
+            EXAMPLE[..at].to_owned(),
+            format!("{}{after}", &EXAMPLE[..at]),
+            format!("{}{c}{c}{after}", &EXAMPLE[..at]),
+        ] {
+            if let Err(errors) = Scene::parse("scene.toml", &text, &[]) {
+                assert!(!errors.is_empty() && !all(&errors).is_empty());
+                refused += 1;
+            }
+        }
+    }
+    assert!(refused > EXAMPLE.len(), "only {refused} were refused");
 }

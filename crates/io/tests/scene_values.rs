@@ -9,7 +9,7 @@ use glebe_engine::spec::{Component, Rotation, Side, Step, Window};
 use glebe_io::scene::{GeometryShape, Origin, Scene, SceneError, schema};
 use glebe_io::tool::Sweep;
 use glebe_physics::{ContactEnd, History, IntegratorKind, LawChoice, MixingRule, ShearModulusRule};
-use scene_common::{EXAMPLE, edited};
+use scene_common::{EXAMPLE, edited, good};
 use serde_json::Value as Json;
 
 fn parse(text: &str) -> Scene {
@@ -17,12 +17,15 @@ fn parse(text: &str) -> Scene {
 }
 
 fn with(text: &str, sets: &[&str]) -> Scene {
-    attempt(text, sets)
-        .unwrap_or_else(|errors| panic!("{}", errors.iter().map(|e| format!("{e:#}")).collect::<String>()))
+    good(text, &owned(sets))
+}
+
+fn owned(sets: &[&str]) -> Vec<String> {
+    sets.iter().map(ToString::to_string).collect()
 }
 
 fn attempt(text: &str, sets: &[&str]) -> Result<Scene, Vec<SceneError>> {
-    Scene::parse("scene.toml", text, &sets.iter().map(ToString::to_string).collect::<Vec<_>>())
+    Scene::parse("scene.toml", text, &owned(sets))
 }
 
 #[test]
@@ -281,7 +284,7 @@ fn overrides_that_lead_nowhere_are_told() {
             "did you mean `soil-steel`?",
         ),
     ] {
-        let errors = attempt(EXAMPLE, &[set]).expect_err(set);
+        let errors = attempt(EXAMPLE, &[set]).unwrap_err();
         let [error] = &errors[..] else { panic!("{set}: {errors:?}") };
         assert_eq!((error.kind(), error.place().source().name()), (kind, "--set"), "{set}");
         assert!(error.message().starts_with(message), "{set}: {error}");

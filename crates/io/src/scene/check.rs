@@ -349,12 +349,12 @@ impl Checker<'_> {
                 Some(Checked::Named(self.named(entries, *names, spec, path)))
             }
             (Kind::List(spec), Value::Array(items)) => {
-                let tables = items.iter().filter_map(|item| match &item.value {
-                    Value::Table(_) => Some(self.table(item, spec, &entry_path(item, path))),
-                    _ => {
-                        self.wrong_kind(item, &Kind::Table(spec), path);
-                        None
+                let tables = items.iter().filter_map(|item| {
+                    if let Value::Table(_) = &item.value {
+                        return Some(self.table(item, spec, &entry_path(item, path)));
                     }
+                    self.wrong_kind(item, &Kind::Table(spec), path);
+                    None
                 });
                 Some(Checked::List(tables.collect()))
             }

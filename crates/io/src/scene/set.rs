@@ -141,16 +141,13 @@ fn descend(
         *node = Node { place: argument.clone(), value: Value::Table(Vec::new()) };
     }
     let Value::Table(entries) = &mut node.value else { return Ok(()) };
-    let position = entries.iter().position(|e| e.key.value == key.value);
-    match position.and_then(|i| entries.get_mut(i)) {
-        Some(entry) => descend(&mut entry.node, &inner, rest, value, argument),
-        None => {
-            let mut made = Node { place: argument.clone(), value: Value::Table(Vec::new()) };
-            descend(&mut made, &inner, rest, value, argument)?;
-            entries.push(Entry { key: key.clone(), node: made });
-            Ok(())
-        }
+    if let Some(entry) = entries.iter_mut().find(|e| e.key.value == key.value) {
+        return descend(&mut entry.node, &inner, rest, value, argument);
     }
+    let mut made = Node { place: argument.clone(), value: Value::Table(Vec::new()) };
+    descend(&mut made, &inner, rest, value, argument)?;
+    entries.push(Entry { key: key.clone(), node: made });
+    Ok(())
 }
 
 /// Stands for "anything": what the parameters of a law are is the checker's business.

@@ -13,16 +13,36 @@ pub fn edited(from: &str, to: &str) -> String {
     EXAMPLE.replace(from, to)
 }
 
+/// The scene of a text that must be right.
+pub fn good(text: &str, sets: &[String]) -> Scene {
+    match Scene::parse("scene.toml", text, sets) {
+        Ok(scene) => scene,
+        Err(errors) => panic!("{}", all(&errors)),
+    }
+}
+
 /// The errors of a text that must have some.
 pub fn report(text: &str) -> Vec<SceneError> {
-    Scene::parse("scene.toml", text, &[]).expect_err("the scene is wrong")
+    match Scene::parse("scene.toml", text, &[]) {
+        Ok(scene) => panic!("nothing was found wrong with {scene:?}"),
+        Err(errors) => errors,
+    }
 }
 
 /// The error of a text that must have exactly one.
 pub fn only(text: &str) -> SceneError {
-    let errors = report(text);
-    assert_eq!(errors.len(), 1, "{}", errors.iter().map(|e| format!("{e:#}")).collect::<String>());
+    single(report(text))
+}
+
+/// The one of a list that must have exactly one.
+pub fn single(errors: Vec<SceneError>) -> SceneError {
+    assert_eq!(errors.len(), 1, "{}", all(&errors));
     errors[0].clone()
+}
+
+/// The full texts, one after the other.
+pub fn all(errors: &[SceneError]) -> String {
+    errors.iter().map(|error| format!("{error:#}")).collect::<Vec<_>>().concat()
 }
 
 /// The full text of the only error, which is of the kind.
