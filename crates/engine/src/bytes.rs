@@ -68,7 +68,6 @@ impl State {
         for m in &self.surface_contacts {
             w.u32(m.id);
             w.u32(m.surface);
-            m.shift.iter().for_each(|s| w.u32(*s as u32));
             w.f32s(&m.n);
             w.f32s(&m.history);
         }
@@ -103,7 +102,6 @@ impl State {
             Ok(SurfaceMemory {
                 id: r.u32()?,
                 surface: r.u32()?,
-                shift: r.u32x3()?.map(|x| x as i32 as i8),
                 n: r.f32x3()?,
                 history: r.many(history, Reader::f32)?,
             })

@@ -137,6 +137,15 @@ impl Lattice {
         if d >= span / 2 { d - span } else { d }
     }
 
+    /// The windows of `now` in the image nearest to `from`; both are places in windows and fractions.
+    pub fn unwrapped(&self, from: ([i32; 3], [u32; 3]), now: ([i32; 3], [u32; 3])) -> [i32; 3] {
+        [0, 1, 2].map(|k| {
+            let a = Self::units(from.0[k], from.1[k]);
+            let b = Self::units(now.0[k], now.1[k]);
+            ((a + self.difference(k, a, b)) >> 32) as i32
+        })
+    }
+
     /// Metres of a difference in units.
     pub fn metres(&self, d: [i64; 3]) -> Vec3 {
         mul(&self.unit, d.map(|u| u as f64))
@@ -153,30 +162,37 @@ fn invert(m: &[Vec3; 3]) -> [Vec3; 3] {
 }
 
 /// `m·v` with `m` given by rows.
+#[inline]
 pub fn mul(m: &[Vec3; 3], v: Vec3) -> Vec3 {
-    m.map(|row| dot(row, v))
+    [dot(m[0], v), dot(m[1], v), dot(m[2], v)]
 }
 /// `a·b`
+#[inline]
 pub fn dot(a: Vec3, b: Vec3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 /// `a × b`
+#[inline]
 pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 /// `a + b`
+#[inline]
 pub fn add(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 /// `a - b`
+#[inline]
 pub fn sub(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 /// `s a`
+#[inline]
 pub fn scale(a: Vec3, s: f64) -> Vec3 {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 /// `|a|`
+#[inline]
 pub fn norm(a: Vec3) -> f64 {
     dot(a, a).sqrt()
 }

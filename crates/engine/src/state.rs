@@ -116,8 +116,6 @@ pub struct SurfaceMemory {
     pub id: u32,
     /// The surface; domain sides come after the specification's surfaces.
     pub surface: u32,
-    /// Image of the particle that touches, in periods along each axis.
-    pub shift: [i8; 3],
     /// Unit vector into the surface when last touched.
     pub n: [f32; 3],
     /// The laws' history.
@@ -379,7 +377,6 @@ impl State {
         for c in &self.surface_contacts {
             h.update(c.id.to_le_bytes());
             h.update(c.surface.to_le_bytes());
-            c.shift.iter().for_each(|s| h.update(s.to_le_bytes()));
             c.n.iter().chain(&c.history).for_each(|f| h.update(f.to_bits().to_le_bytes()));
         }
         // Serialising plain data to a string cannot fail but for non-finite keys, of which there are none.

@@ -192,6 +192,8 @@ pub struct SurfacePoint {
     pub distance: f64,
     /// Triangle, 0 for a plane.
     pub triangle: u32,
+    /// Image of the sphere that touches, in periods along each axis.
+    pub shift: [i8; 3],
     /// 0 face, 1 edge, 2 vertex.
     rank: u8,
 }
@@ -201,13 +203,14 @@ impl SurfacePoint {
     /// beyond `reach`.
     pub fn of_plane(normal: Vec3, height: f64, reach: f64) -> Option<Self> {
         let into = scale(normal, -height.signum());
-        (height < reach).then_some(Self { n: into, distance: height.abs(), triangle: 0, rank: 0 })
+        let at = Self { n: into, distance: height.abs(), triangle: 0, shift: [0; 3], rank: 0 };
+        (height.abs() < reach).then_some(at)
     }
 }
 
 /// The point of a triangle closest to a sphere's centre, or `None` beyond `reach`. Vertices are relative
-/// to the centre.
-pub fn touch(vertices: [Vec3; 3], triangle: u32, reach: f64) -> Option<SurfacePoint> {
+/// to the centre of the sphere's image `shift`.
+pub fn touch(vertices: [Vec3; 3], triangle: u32, shift: [i8; 3], reach: f64) -> Option<SurfacePoint> {
     let [a, b, c] = vertices.map(|v| V3 { x: v[0], y: v[1], z: v[2] });
     let closest = closest_to_origin(a, b, c);
     let p = if closest.feature == 0 { foot_of_plane(a, b, c) } else { closest.point };
@@ -223,10 +226,12 @@ pub fn touch(vertices: [Vec3; 3], triangle: u32, reach: f64) -> Option<SurfacePo
         let m = cross(sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0]));
         scale(m, 1.0 / norm(m))
     };
-    Some(SurfacePoint { n, distance, triangle, rank: [0, 1, 1, 1, 2, 2, 2][closest.feature as usize] })
+    let rank = [0, 1, 1, 1, 2, 2, 2][closest.feature as usize];
+    Some(SurfacePoint { n, distance, triangle, shift, rank })
 }
 
-/// Reduces the touches of one sphere with one mesh to its physical contacts, in a fixed order.
+/// Reduces the touches of one sphere, in all its images, with one mesh to its physical contacts, in a fixed
+/// order.
 ///
 /// Face beats edge beats vertex; of equals the closer, then the lower triangle. A touch is dropped when it
 /// lies on or below the plane through an accepted contact across its normal, raised by that contact's
@@ -235,7 +240,7 @@ pub fn touch(vertices: [Vec3; 3], triangle: u32, reach: f64) -> Option<SurfacePo
 /// edge acts once.
 pub fn physical_contacts(touches: &mut Vec<SurfacePoint>, radius: f64) {
     touches.sort_unstable_by(|a, b| {
-        a.rank.cmp(&b.rank).then(a.distance.total_cmp(&b.distance)).then(a.triangle.cmp(&b.triangle))
+        a.rank.cmp(&b.rank).then(a.distance.total_cmp(&b.distance)).then((a.triangle, a.shift).cmp(&(b.triangle, b.shift)))
     });
     let mut kept = 0;
     for t in 0..touches.len() {

@@ -343,6 +343,7 @@ mod summary_json {
                 phases: [("contacts".to_owned(), 40.0)].into(),
             },
             warnings: vec!["the step is large".to_owned()],
+            notes: vec!["the bed was reused".to_owned()],
         }
     }
 

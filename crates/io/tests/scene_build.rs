@@ -1,5 +1,7 @@
 //! Scenes with the files that they name: what becomes a world, and what is refused.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail by panicking")]
+
 mod scene_common;
 
 use std::fs;
@@ -29,7 +31,7 @@ impl Folder {
         good(text, &[]).build(&self.0)
     }
     fn only_error(&self, text: &str) -> SceneError {
-        single(self.build(text).unwrap_err())
+        single(&self.build(text).unwrap_err())
     }
 }
 
@@ -155,6 +157,13 @@ fn particles_that_start_wrong_are_told() {
     );
     assert_eq!(errors[1].place().text(), "\"bed.csv\"");
 
+    let folder = with_sweep(Folder::new("wall")).file("bed.csv", "x,y,z,R\n0,0,0.004,0.01\n");
+    let error = folder.only_error(&with_csv());
+    assert_eq!(
+        error.message(),
+        "1 of 1 particles start inside a wall of the domain; the first is number 0 at [0.0, 0.0, 0.004] m"
+    );
+
     let folder = with_sweep(Folder::new("warn")).file("bed.csv", "x,y,z,R\n0,0,0.1,0.01\n0.005,0,0.1,0.01\n");
     let text = with_csv().replace("overlap_limit = 0.3", "overlap_limit = \"warn\"");
     let built = folder.build(&text).unwrap();
@@ -199,4 +208,12 @@ fn what_the_engine_refuses_is_told_at_its_place() {
     assert_eq!((error.place().text(), error.message()), ("0.01", too_large.to_string().as_str()));
     let particle = SetupError::Particle { id: 3, at: [0.0; 3], why: "is too large".to_owned() };
     assert_eq!(built.locate(&particle).place().text(), "10");
+}
+
+#[test]
+fn a_tool_that_cannot_be_made_is_told() {
+    let text = edited("file = \"sweep.stl\"", "sweep = { width = \"30 m\" }").replace("38912", "10");
+    let error = Folder::new("tool").only_error(&text);
+    assert_eq!((error.kind(), error.place().text()), ("shape", "{ width = \"30 m\" }"));
+    assert!(error.message().contains("width = 30 m is not allowed"), "{error}");
 }

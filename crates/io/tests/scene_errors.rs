@@ -1,5 +1,7 @@
 //! What people read when a scene is wrong: every kind of mistake, word for word.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail by panicking")]
+
 mod scene_common;
 
 use glebe_io::scene::{Scene, SceneError};

@@ -1,5 +1,7 @@
 //! What a good scene becomes: values, defaults, overrides, the schema.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail by panicking")]
+
 mod scene_common;
 
 use std::f64::consts::PI;

@@ -2,6 +2,9 @@
 //! conformance suites (`tests/`) are written once and run on each.
 
 pub mod cpu;
+pub mod reference;
+
+mod common;
 
 use std::sync::Arc;
 
@@ -118,16 +121,19 @@ pub enum Backend {
     /// Threads and vector units of the host.
     #[default]
     Cpu,
+    /// Every pair in f64, without lists: slow, and what the others are compared with.
+    Reference,
 }
 
 impl Backend {
     /// Every backend.
-    pub const ALL: &'static [Self] = &[Self::Cpu];
+    pub const ALL: &'static [Self] = &[Self::Cpu, Self::Reference];
 
     /// Name of the backend.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Cpu => "cpu",
+            Self::Reference => "reference",
         }
     }
 
@@ -135,6 +141,7 @@ impl Backend {
     pub fn fleet(self, worlds: Vec<(Arc<Constants>, &mut State)>) -> Box<dyn Fleet> {
         match self {
             Self::Cpu => Box::new(cpu::CpuFleet::new(worlds)),
+            Self::Reference => Box::new(reference::ReferenceFleet::new(worlds)),
         }
     }
 }

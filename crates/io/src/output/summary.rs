@@ -32,6 +32,9 @@ pub struct Summary {
     pub performance: Performance,
     /// What the user should know.
     pub warnings: Vec<String>,
+    /// What was done that the scene does not say, such as taking a settled bed from an earlier run.
+    #[serde(default)]
+    pub notes: Vec<String>,
 }
 
 /// How a run ended.

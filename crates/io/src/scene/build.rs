@@ -178,8 +178,12 @@ struct Build<'a> {
 }
 
 impl Build<'_> {
-    fn fail(&mut self, place: &Place, message: String, label: &str) {
-        self.found.push(SceneError::new("file", place, message).label(label));
+    fn bad_file(&mut self, place: &Place, message: String) {
+        self.found.push(SceneError::new("file", place, message).label("this file"));
+    }
+
+    fn bad_shape(&mut self, place: &Place, message: String) {
+        self.found.push(SceneError::new("shape", place, message).label("this shape"));
     }
 
     fn surface(&mut self, part: &GeometryPart) -> Option<Surface> {
@@ -189,7 +193,7 @@ impl Build<'_> {
         for (axis, angle) in &part.rotate {
             match turned.rotated(*axis, *angle) {
                 Ok(more) => turned = more,
-                Err(error) => self.fail(place, error.to_string(), "cannot be turned"),
+                Err(error) => self.bad_shape(place, error.to_string()),
             }
         }
         let mut pose = Pose { translation: part.translate, rotation: turned.rotate };
@@ -201,7 +205,7 @@ impl Build<'_> {
             GeometryShape::File(path) => {
                 let transform = Transform { scale: part.scale, ..Transform::default() };
                 mesh::read(&self.base_dir.join(path), &transform)
-                    .map_err(|error| self.fail(place, error.to_string(), "this file"))
+                    .map_err(|error| self.bad_file(place, error.to_string()))
                     .ok()
             }
             GeometryShape::Sweep(sweep) => match sweep.mesh() {
@@ -211,7 +215,7 @@ impl Build<'_> {
                     None
                 }
                 Err(error) => {
-                    self.fail(place, error.to_string(), "this tool");
+                    self.bad_shape(place, error.to_string());
                     return None;
                 }
             },
@@ -285,7 +289,7 @@ impl Build<'_> {
     fn read(&mut self, part: &ParticlePart, path: &Path, place: &Place, all: &mut ParticleSet) {
         let columns = match particles::read(&self.base_dir.join(path)) {
             Ok(columns) => columns,
-            Err(error) => return self.fail(place, error.to_string(), "this file"),
+            Err(error) => return self.bad_file(place, error.to_string()),
         };
         let names = self.scene.materials.iter().enumerate().map(|(id, m)| (m.name.clone(), id)).collect();
         let default = part.material.as_ref().map(|m| self.scene.material_id(m));
@@ -303,7 +307,7 @@ impl Build<'_> {
                     path.display()
                 ));
             }
-            Err(error) => self.fail(place, error.to_string(), "this file"),
+            Err(error) => self.bad_file(place, error.to_string()),
         }
     }
 
@@ -362,30 +366,45 @@ impl Build<'_> {
         }
     }
 
-    /// Particles whose centre is outside of the domain would be lost at the first step.
+    /// Particles whose centre is outside of the domain would be lost at the first step, those deep in a
+    /// wall thrown out of it.
     fn inside_domain(&mut self, all: &ParticleSet) {
         let domain = &self.scene.domain;
-        let outside = |x: &Vec3| {
-            (0..3).any(|k| {
-                let [low, high] = domain.sides[k].map(|side| side != Side::Periodic);
-                low && x[k] < domain.min[k] || high && x[k] > domain.max[k]
-            })
+        let guards = self.scene.guards;
+        // Least distance of the centre from a side, over all sides that `counts` lets through.
+        let clearance = |i: usize, counts: fn(Side) -> bool| {
+            let of_axis = |k: usize| {
+                let x = all.position[i][k];
+                let [low, high] = domain.sides[k].map(counts);
+                let free = |counted: bool, distance: f64| if counted { distance } else { f64::INFINITY };
+                free(low, x - domain.min[k]).min(free(high, domain.max[k] - x))
+            };
+            of_axis(0).min(of_axis(1)).min(of_axis(2))
         };
+        let outside = |i: &usize| clearance(*i, |side| side != Side::Periodic) < 0.0;
+        let depth = |i: &usize| 1.0 - clearance(*i, |side| side == Side::Wall) / all.radius[*i];
+        let in_wall = |i: &usize| !outside(i) && depth(i) > guards.overlap_limit;
         for (range, place) in &self.groups {
-            let out: Vec<usize> = range.clone().filter(|i| outside(&all.position[*i])).collect();
-            let Some(first) = out.first() else { continue };
-            let message = format!(
-                "{} of {} particles start outside of the domain; the first is number {} at {:?} m",
-                out.len(),
-                range.len(),
-                first - range.start,
-                all.position[*first]
-            );
-            let help = format!(
-                "the domain goes from {:?} to {:?} m; check the unit, or enlarge it",
-                domain.min, domain.max
-            );
-            self.found.push(SceneError::new("outside", place, message).label("these particles").help(help));
+            let mut tell = |kind, wrong: Vec<usize>, how: &str| {
+                let first = wrong.first()?;
+                let message = format!(
+                    "{} of {} particles start {how}; the first is number {} at {:?} m",
+                    wrong.len(),
+                    range.len(),
+                    first - range.start,
+                    all.position[*first]
+                );
+                let help = format!(
+                    "the domain goes from {:?} to {:?} m; check the unit, move them, or enlarge it",
+                    domain.min, domain.max
+                );
+                let error = SceneError::new(kind, place, message).label("these particles").help(help);
+                let fatal = kind == "outside" || guards.overlap_stops;
+                self.found.push(if fatal { error } else { error.warning() });
+                Some(())
+            };
+            tell("outside", range.clone().filter(outside).collect(), "outside of the domain");
+            tell("overlap", range.clone().filter(in_wall).collect(), "inside a wall of the domain");
         }
     }
 

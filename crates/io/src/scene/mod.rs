@@ -80,7 +80,9 @@ impl Scene {
             return Ok(scene);
         }
         // Of the file first, then of each --set in the order given.
-        errors.sort_by_key(|e| if e.place().source().name() == name { e.place().span().start } else { usize::MAX });
+        errors.sort_by_key(|e| {
+            if e.place().source().name() == name { e.place().span().start } else { usize::MAX }
+        });
         Err(errors)
     }
 }

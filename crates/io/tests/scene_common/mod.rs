@@ -31,12 +31,12 @@ pub fn report(text: &str) -> Vec<SceneError> {
 
 /// The error of a text that must have exactly one.
 pub fn only(text: &str) -> SceneError {
-    single(report(text))
+    single(&report(text))
 }
 
 /// The one of a list that must have exactly one.
-pub fn single(errors: Vec<SceneError>) -> SceneError {
-    assert_eq!(errors.len(), 1, "{}", all(&errors));
+pub fn single(errors: &[SceneError]) -> SceneError {
+    assert_eq!(errors.len(), 1, "{}", all(errors));
     errors[0].clone()
 }
 

@@ -3,25 +3,13 @@
 use glebe_physics::kernel::vector::{V3, cross, dot, minus, plus, scaled};
 
 use super::lanes::{LANES, Lanes, Pair};
+use super::super::common::Standing;
 use super::list::{Block, MEMORY, Pull, Touching};
 use crate::lattice::{add, sub};
-use crate::setup::{BoundaryShape, Constants};
+use crate::setup::Constants;
 use crate::spec::Vec3;
 use crate::state::Particles;
-use crate::surface::{Placed, SurfacePoint, physical_contacts, touch};
-
-/// A boundary as it stands in this step.
-#[derive(Debug, Default)]
-pub struct Standing {
-    /// Whether it is there.
-    pub present: bool,
-    /// Pose and velocity.
-    pub placed: Placed,
-    /// Vertices in the world \[m\]; empty for planes.
-    pub vertices: Vec<Vec3>,
-    /// Unit normal in the world, for planes.
-    pub normal: Vec3,
-}
+use crate::surface::{SurfacePoint, physical_contacts};
 
 /// What a phase is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -109,13 +97,13 @@ pub struct Found {
     /// Largest overlap as a fraction of the smaller radius, with particle and partner.
     pub worst: (f32, u32, u32),
     /// Pairs in contact and the force on the first \[N\], when observing.
-    pub coordination: Vec<(u32, u32, [f32; 3])>,
+    pub pairs: Vec<(u32, u32, [f32; 3])>,
     /// Pairs and surface contacts.
     pub contacts: [u64; 2],
 }
 
 /// Whom a lane belongs to.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Owner {
     i: u32,
     j: u32,
@@ -124,21 +112,33 @@ struct Owner {
 }
 
 /// Working memory of a thread.
-#[derive(Default)]
 pub struct Scratch {
     lanes: Lanes,
-    owner: Vec<Owner>,
+    owner: [Owner; LANES],
     near: Vec<SurfacePoint>,
     meetings: Vec<Meeting>,
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        let owner = [Owner::default(); LANES];
+        Self { lanes: Lanes::default(), owner, near: Vec::new(), meetings: Vec::new() }
+    }
 }
 
 /// One block's forces. `#[inline(always)]` so that each of the callers below compiles it for its own
 /// instruction set; the arithmetic, and so every bit, is the same in all of them.
 #[inline(always)]
-fn block_phase(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scratch) {
+fn block_phase(
+    ph: &Phase<'_>,
+    block: &mut Block,
+    pull: &mut [Pull],
+    found: &mut Found,
+    scratch: &mut Scratch,
+) {
     found.surface.clear();
     found.records.clear();
-    found.coordination.clear();
+    found.pairs.clear();
     found.on_surface.clear();
     found.on_surface.resize(ph.c.spec.surfaces.len(), [0.0; 6]);
     found.work = 0.0;
@@ -148,26 +148,28 @@ fn block_phase(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &m
     found.friction_loss = 0.0;
     found.worst = (0.0, 0, 0);
     found.contacts = [0; 2];
-    pairs(ph, block, found, scratch);
+    pairs(ph, block, pull, found, scratch);
     surfaces(ph, block, found, scratch);
 }
 
 #[inline(always)]
-fn pairs(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scratch) {
+fn pairs(ph: &Phase<'_>, block: &mut Block, pull: &mut [Pull], found: &mut Found, scratch: &mut Scratch) {
     let Scratch { lanes, owner, .. } = scratch;
     let (p, materials) = (ph.p, ph.c.spec.materials.len());
     let h = ph.c.history.len();
     let unit = &ph.c.lattice.unit;
     let (ux, uy, uz) = (unit[0][0], unit[1][1], unit[2][2]);
     let orthogonal = ph.c.lattice.orthogonal;
-    owner.clear();
+    let count = block.start.len() - 1;
+    let places = &p.place[block.first..block.first + count];
+    let mut used = 0;
     let mut current = usize::MAX;
-    for local in 0..block.start.len() - 1 {
+    for (local, pi) in places.iter().enumerate() {
         let i = block.first + local;
-        let (pi, vi, wi) = (p.place[i], p.velocity[i], p.spin[i]);
+        let (vi, wi) = (p.velocity[i], p.spin[i]);
         for k in block.start[local] as usize..block.start[local + 1] as usize {
             let j = block.partner[k] as usize;
-            let pj = p.place[j];
+            let pj = &p.place[j];
             let a = f64::from(pj.lo[0].wrapping_sub(pi.lo[0]) as i32);
             let b = f64::from(pj.lo[1].wrapping_sub(pi.lo[1]) as i32);
             let c = f64::from(pj.lo[2].wrapping_sub(pi.lo[2]) as i32);
@@ -175,19 +177,23 @@ fn pairs(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scr
             let reach = f64::from(pi.radius) + f64::from(pj.radius) + ph.c.range;
             if d[0] * d[0] + d[1] * d[1] + d[2] * d[2] >= reach * reach {
                 if block.touching[k] && ph.purpose == Purpose::Step {
+                    // The next contact of this pair is born without memory, and adds nothing until then.
                     block.touching[k] = false;
                     block.history[k * h..(k + 1) * h].fill(0.0);
+                    pull[k] = Pull::default();
                 }
                 continue;
             }
-            let wj = p.spin[j];
+            let wj = &p.spin[j];
             let pair = wi.material as usize * materials + wj.material as usize;
-            if owner.len() == LANES || (pair != current && !owner.is_empty()) {
-                flush_pairs(ph, current, block, found, lanes, owner);
+            if used == LANES || (pair != current && used > 0) {
+                flush_pairs(ph, current, block, pull, found, lanes, &owner[..used]);
+                used = 0;
             }
             current = pair;
-            let vj = p.velocity[j];
-            let l = owner.len();
+            let vj = &p.velocity[j];
+            // Always below LANES; the mask tells the compiler so.
+            let l = used & (LANES - 1);
             for x in 0..3 {
                 lanes.d[x][l] = d[x];
                 lanes.v[0][x][l] = vi.v[x];
@@ -199,13 +205,16 @@ fn pairs(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scr
             lanes.radius[1][l] = pj.radius;
             lanes.inv_mass[0][l] = vi.inv_mass;
             lanes.inv_mass[1][l] = vj.inv_mass;
-            for f in 0..h {
-                lanes.history[f][l] = block.history[k * h + f];
+            for (lane, x) in lanes.history.iter_mut().zip(&block.history[k * h..(k + 1) * h]) {
+                lane[l] = *x;
             }
-            owner.push(Owner { i: i as u32, j: j as u32, k: k as u32 });
+            owner[l] = Owner { i: i as u32, j: j as u32, k: k as u32 };
+            used += 1;
         }
     }
-    flush_pairs(ph, current, block, found, lanes, owner);
+    if used > 0 {
+        flush_pairs(ph, current, block, pull, found, lanes, &owner[..used]);
+    }
 }
 
 #[inline(always)]
@@ -213,57 +222,58 @@ fn flush_pairs(
     ph: &Phase<'_>,
     pair: usize,
     block: &mut Block,
+    pull: &mut [Pull],
     found: &mut Found,
     lanes: &mut Lanes,
-    owner: &mut Vec<Owner>,
+    owner: &[Owner],
 ) {
-    let used = owner.len();
-    if used == 0 {
-        return;
-    }
+    let used = owner.len().min(LANES);
     lanes.pad(used);
     lanes.between_spheres(used);
     lanes.evaluate(used, ph.c.laws, &ph.pairs[pair], ph.dt);
     found.contacts[0] += used as u64;
+    sum_energies(found, lanes, used);
+    let worst = lanes.worst_overlap(used);
+    if lanes.ratio[worst] > found.worst.0 {
+        found.worst = (lanes.ratio[worst], owner[worst].i, owner[worst].j);
+    }
+    let of = |lane: &[[f32; LANES]; 3], l: usize| [lane[0][l], lane[1][l], lane[2][l]];
+    if ph.purpose == Purpose::Observe {
+        found.pairs.extend((0..used).map(|l| (owner[l].i, owner[l].j, of(&lanes.force, l))));
+        return;
+    }
     let h = ph.c.history.len();
-    for (l, o) in owner.iter().enumerate() {
-        let ratio = lanes.delta[l] / lanes.radius[0][l].min(lanes.radius[1][l]);
-        if ratio > found.worst.0 {
-            found.worst = (ratio, o.i, o.j);
-        }
-        if ph.purpose == Purpose::Observe {
-            found.coordination.push((o.i, o.j, [0, 1, 2].map(|x| lanes.force[x][l])));
-            continue;
-        }
-        let k = o.k as usize;
-        block.pull[k] = Pull {
-            force: [0, 1, 2].map(|x| lanes.force[x][l]),
-            torque: [0, 1, 2].map(|x| lanes.torque[0][x][l]),
-            torque_other: [0, 1, 2].map(|x| lanes.torque[1][x][l]),
+    for l in 0..used {
+        let k = owner[l].k as usize;
+        pull[k] = Pull {
+            force: of(&lanes.force, l),
+            torque: of(&lanes.torque[0], l),
+            torque_other: of(&lanes.torque[1], l),
         };
         block.touching[k] = true;
         if ph.purpose == Purpose::Step {
-            for f in 0..h {
-                block.history[k * h + f] = lanes.history[f][l];
+            for (x, lane) in block.history[k * h..(k + 1) * h].iter_mut().zip(&lanes.history) {
+                *x = lane[l];
             }
         }
-        if ph.ledger && ph.purpose == Purpose::Step {
-            found.records.push(record(lanes, l, o.i, o.j, [[0.0; 3]; 2]));
+    }
+    if ph.ledger && ph.purpose == Purpose::Step {
+        for l in 0..used {
+            found.records.push(record(lanes, l, owner[l].i, owner[l].j, [[0.0; 3]; 2]));
         }
     }
-    sum_energies(found, lanes, used);
-    owner.clear();
 }
 
 #[inline(always)]
 fn record(lanes: &Lanes, l: usize, i: u32, j: u32, surface: [[f32; 3]; 2]) -> Record {
+    let of = |lane: &[[f32; LANES]; 3]| [lane[0][l], lane[1][l], lane[2][l]];
     Record {
         i,
         j,
         arm: [lanes.arm[0][l], lanes.arm[1][l]],
-        n: [0, 1, 2].map(|x| lanes.n[x][l]),
-        dash: [0, 1, 2].map(|x| lanes.dash[x][l]),
-        roll: [0, 1].map(|s| [0, 1, 2].map(|x| lanes.roll[s][x][l])),
+        n: of(&lanes.n),
+        dash: of(&lanes.dash),
+        roll: [of(&lanes.roll[0]), of(&lanes.roll[1])],
         surface,
     }
 }
@@ -322,11 +332,16 @@ fn meet_all(ph: &Phase<'_>, block: &mut Block, meetings: &mut Vec<Meeting>, near
         let i = block.first + patch.local as usize;
         let place = &ph.p.place[i];
         near.clear();
-        let center = ph.c.lattice.decode(ph.p.hi[i], place.lo, ph.p.rest[i]);
-        let center = ph.c.shifted(center, patch.shift);
+        // Facets are told for the image that the particle was when the list was made.
+        let hi = ph.c.lattice.unwrapped((ph.p.hi_ref[i], ph.p.lo_ref[i]), (ph.p.hi[i], place.lo));
+        let center = ph.c.lattice.decode(hi, place.lo, ph.p.rest[i]);
         if standing.present {
-            let triangles = &block.triangles[patch.triangles.0 as usize..patch.triangles.1 as usize];
-            meet(ph.c, standing, patch.boundary as usize, center, f64::from(place.radius), triangles, near);
+            let facets = &block.facets[patch.facets.0 as usize..patch.facets.1 as usize];
+            let boundary = &ph.c.boundaries[patch.boundary as usize];
+            let radius = f64::from(place.radius);
+            let facets = facets.iter().map(|f| (f.triangle, f.shift));
+            standing.touches(ph.c, boundary, center, radius + ph.c.range, facets, near);
+            physical_contacts(near, radius);
         }
         let mut before = patch.contacts.clone();
         if ph.purpose == Purpose::Step {
@@ -343,7 +358,7 @@ fn meet_all(ph: &Phase<'_>, block: &mut Block, meetings: &mut Vec<Meeting>, near
             if ph.purpose == Purpose::Step {
                 patch.contacts.push(Touching { n, history });
             }
-            let point = add(center, crate::lattice::scale(q.n, q.distance));
+            let point = add(ph.c.shifted(center, q.shift), crate::lattice::scale(q.n, q.distance));
             meetings.push(Meeting {
                 patch: at as u32,
                 contact: contact as u32,
@@ -359,32 +374,6 @@ fn meet_all(ph: &Phase<'_>, block: &mut Block, meetings: &mut Vec<Meeting>, near
 
 /// Least cosine between the normals of a contact before and after a step.
 const KIN: f32 = 0.5;
-
-/// The physical contacts of a sphere with one boundary.
-fn meet(
-    c: &Constants,
-    standing: &Standing,
-    boundary: usize,
-    center: Vec3,
-    radius: f64,
-    triangles: &[u32],
-    near: &mut Vec<SurfacePoint>,
-) {
-    let reach = radius + c.range;
-    match &c.boundaries[boundary].shape {
-        BoundaryShape::Plane(_) => {
-            let height = crate::lattice::dot(standing.normal, sub(center, standing.placed.pose.translation));
-            near.extend(SurfacePoint::of_plane(standing.normal, height, reach));
-        }
-        BoundaryShape::Mesh(mesh, _) => {
-            for &t in triangles {
-                let vertices = mesh.triangles[t as usize].map(|v| sub(standing.vertices[v as usize], center));
-                near.extend(touch(vertices, t, reach));
-            }
-            physical_contacts(near, radius);
-        }
-    }
-}
 
 #[inline(always)]
 fn fill_surface(ph: &Phase<'_>, lanes: &mut Lanes, l: usize, m: &Meeting) {
@@ -408,14 +397,20 @@ fn fill_surface(ph: &Phase<'_>, lanes: &mut Lanes, l: usize, m: &Meeting) {
     }
 }
 
-fn scatter_surfaces(ph: &Phase<'_>, block: &mut Block, found: &mut Found, lanes: &Lanes, group: &[Meeting]) {
+fn scatter_surfaces(
+    ph: &Phase<'_>,
+    block: &mut Block,
+    found: &mut Found,
+    lanes: &mut Lanes,
+    group: &[Meeting],
+) {
     found.contacts[1] += group.len() as u64;
+    lanes.worst_overlap(group.len());
     for (l, m) in group.iter().enumerate() {
-        let ratio = lanes.delta[l] / lanes.radius[0][l];
-        if ratio > found.worst.0 {
-            found.worst = (ratio, m.i, u32::MAX - m.boundary);
+        if lanes.ratio[l] > found.worst.0 {
+            found.worst = (lanes.ratio[l], m.i, u32::MAX - m.boundary);
         }
-        let of = |lane: &[[f32; LANES]; 3]| [0, 1, 2].map(|x| lane[x][l]);
+        let of = |lane: &[[f32; LANES]; 3]| [lane[0][l], lane[1][l], lane[2][l]];
         let (force, torque) = (of(&lanes.force), of(&lanes.torque[0]));
         let local = m.i - block.first as u32;
         found.surface.push(SurfacePull {
@@ -471,34 +466,6 @@ pub fn dissipated(records: &[Record], dt: f32, mid: impl Fn(usize) -> (V3, V3)) 
 }
 
 /// The forces of one block, with the widest instructions that the machine has.
-pub fn run(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scratch) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if std::arch::is_x86_feature_detected!("avx512f")
-            && std::arch::is_x86_feature_detected!("avx512vl")
-            && std::arch::is_x86_feature_detected!("avx512dq")
-        {
-            // SAFETY: the features that the callee is compiled for were just found on this machine.
-            #[allow(unsafe_code)]
-            return unsafe { run_avx512(ph, block, found, scratch) };
-        }
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: as above.
-            #[allow(unsafe_code)]
-            return unsafe { run_avx2(ph, block, found, scratch) };
-        }
-    }
-    block_phase(ph, block, found, scratch);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq")]
-fn run_avx512(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scratch) {
-    block_phase(ph, block, found, scratch);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn run_avx2(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scratch) {
-    block_phase(ph, block, found, scratch);
+pub fn run(ph: &Phase<'_>, block: &mut Block, pull: &mut [Pull], found: &mut Found, scratch: &mut Scratch) {
+    widest!(block_phase(ph: &Phase<'_>, block: &mut Block, pull: &mut [Pull], found: &mut Found, scratch: &mut Scratch));
 }

@@ -3,7 +3,8 @@
 use glebe_physics::kernel::integrate::{Scheme, locally_damped};
 
 use super::contacts::SurfacePull;
-use super::list::{Block, Incoming};
+use super::super::common::runaway_distance;
+use super::list::{BLOCK, Block, Incoming, Pull};
 use crate::setup::Constants;
 use crate::state::{Place, Spin, Velocity};
 
@@ -58,8 +59,7 @@ impl Step {
     /// The step of a world.
     pub fn new(c: &Constants) -> Self {
         let f = |m: [[f64; 3]; 3]| m.map(|r| r.map(|x| x as f32));
-        // "Faster than a cell per step": what the lists could not see.
-        let cell = 2.0 * c.radius_max + c.range;
+        let far = runaway_distance(c);
         Self {
             dt: c.dt as f32,
             gravity: c.spec.gravity.map(|x| x as f32),
@@ -67,7 +67,7 @@ impl Step {
             inverse: f(c.lattice.inverse),
             unit: f(c.lattice.unit),
             wrap: [0, 1, 2].map(|k| if c.lattice.periodic[k] { c.lattice.windows[k] as i32 } else { 0 }),
-            runaway: (cell * cell) as f32,
+            runaway: (far * far) as f32,
         }
     }
 }
@@ -83,53 +83,75 @@ pub struct Moved {
     pub damped: f64,
 }
 
-/// Sums the contact forces and torques of a block's particles: as first of a pair in the order of candidates,
-/// as second in the order of the transposed lists, then surfaces.
-pub fn sum(
-    block: &Block,
-    blocks: &[Block],
-    incoming: &Incoming,
-    surface: &[SurfacePull],
-    mut each: impl FnMut(usize, [f32; 3], [f32; 3]),
-) {
-    let mut at = 0;
-    for local in 0..block.start.len() - 1 {
+/// The contacts of a block's particles.
+#[derive(Clone, Copy)]
+pub struct Contacts<'a> {
+    /// The block.
+    pub block: &'a Block,
+    /// What was found for the candidates of all blocks.
+    pub pull: &'a [Pull],
+    /// Transposed lists.
+    pub incoming: &'a Incoming,
+    /// The block's contacts with surfaces.
+    pub surface: &'a [SurfacePull],
+}
+
+impl Contacts<'_> {
+    /// Force and torque on the particle `local` of the block: its contacts as first of a pair in the order of
+    /// candidates, as second in the order of the transposed lists, then surfaces from `at` on. Pairs that do
+    /// not touch add zero.
+    #[inline(always)]
+    pub fn sum(&self, local: usize, at: &mut usize) -> ([f32; 3], [f32; 3]) {
         let mut f = [0.0_f32; 3];
         let mut t = [0.0_f32; 3];
-        for k in block.start[local] as usize..block.start[local + 1] as usize {
-            if block.touching[k] {
-                let pull = &block.pull[k];
-                for x in 0..3 {
-                    f[x] += pull.force[x];
-                    t[x] += pull.torque[x];
-                }
-            }
-        }
-        let j = block.first + local;
-        for &(b, k) in &incoming.entry[incoming.start[j] as usize..incoming.start[j + 1] as usize] {
-            let other = &blocks[b as usize];
-            if other.touching[k as usize] {
-                let pull = &other.pull[k as usize];
-                for x in 0..3 {
-                    f[x] -= pull.force[x];
-                    t[x] += pull.torque_other[x];
-                }
-            }
-        }
-        while at < surface.len() && surface[at].local as usize == local {
+        let base = self.incoming.base[self.block.first / BLOCK];
+        let own = (base + self.block.start[local]) as usize..(base + self.block.start[local + 1]) as usize;
+        for q in &self.pull[own] {
             for x in 0..3 {
-                f[x] += surface[at].force[x];
-                t[x] += surface[at].torque[x];
+                f[x] += q.force[x];
+                t[x] += q.torque[x];
             }
-            at += 1;
         }
-        each(local, f, t);
+        let j = self.block.first + local;
+        let others = self.incoming.start[j] as usize..self.incoming.start[j + 1] as usize;
+        for &k in &self.incoming.entry[others] {
+            let q = &self.pull[k as usize];
+            for x in 0..3 {
+                f[x] -= q.force[x];
+                t[x] += q.torque_other[x];
+            }
+        }
+        while *at < self.surface.len() && self.surface[*at].local as usize == local {
+            for x in 0..3 {
+                f[x] += self.surface[*at].force[x];
+                t[x] += self.surface[*at].torque[x];
+            }
+            *at += 1;
+        }
+        (f, t)
+    }
+}
+
+/// One block's motion: ahead of the force, or with the forces of its contacts.
+#[inline(always)]
+pub fn advance<S: Scheme>(
+    c: &mut Columns<'_>,
+    s: &Step,
+    moved: &mut Moved,
+    contacts: Option<Contacts<'_>>,
+    first: bool,
+) {
+    let Some(contacts) = contacts else { return before::<S>(c, s, moved) };
+    let mut at = 0;
+    for i in 0..c.place.len() {
+        let (f, t) = contacts.sum(i, &mut at);
+        after::<S>(c, s, i, f, t, first, moved);
     }
 }
 
 /// Ahead of the force: schemes that move with the acceleration of the step before.
 #[inline(always)]
-pub fn before<S: Scheme>(c: &mut Columns<'_>, s: &Step, moved: &mut Moved) {
+fn before<S: Scheme>(c: &mut Columns<'_>, s: &Step, moved: &mut Moved) {
     for i in 0..c.place.len() {
         let mut dx = [0.0; 3];
         let (v, w) = (c.velocity[i], c.spin[i]);
@@ -147,7 +169,7 @@ pub fn before<S: Scheme>(c: &mut Columns<'_>, s: &Step, moved: &mut Moved) {
 
 /// With the force `f` and torque `t` of particle `i` of the block.
 #[inline(always)]
-pub fn after<S: Scheme>(
+fn after<S: Scheme>(
     c: &mut Columns<'_>,
     s: &Step,
     i: usize,
@@ -215,6 +237,10 @@ fn displace(c: &mut Columns<'_>, s: &Step, i: usize, dx: [f32; 3], moved: &mut M
         away[k] = c.place[i].lo[k].wrapping_sub(c.lo_ref[i][k]) as i32 as f32;
     }
     let u = &s.unit;
-    let m = [0, 1, 2].map(|k| u[k][0] * away[0] + u[k][1] * away[1] + u[k][2] * away[2]);
-    moved.displacement = moved.displacement.max(m[0] * m[0] + m[1] * m[1] + m[2] * m[2]);
+    let mut square = 0.0;
+    for k in 0..3 {
+        let m = u[k][0] * away[0] + u[k][1] * away[1] + u[k][2] * away[2];
+        square += m * m;
+    }
+    moved.displacement = moved.displacement.max(square);
 }

@@ -101,6 +101,8 @@ pub struct Lanes {
     pub energy_before: Lane,
     /// Lost to friction in this step \[J\].
     pub friction_loss: Lane,
+    /// Overlap as a fraction of the smaller radius.
+    pub ratio: Lane,
 }
 
 impl Default for Lanes {
@@ -136,6 +138,7 @@ impl Default for Lanes {
             energy_tangential: l,
             energy_before: l,
             friction_loss: l,
+            ratio: l,
         }
     }
 }
@@ -217,6 +220,20 @@ impl Lanes {
             self.r_eff[l] = ri;
             self.diameter[l] = 2.0 * ri;
         }
+    }
+
+    /// Finds the overlaps' ratios; returns the first lane with the largest.
+    #[inline(always)]
+    pub fn worst_overlap(&mut self, used: usize) -> usize {
+        let used = used.min(LANES);
+        let mut worst = 0.0_f32;
+        for l in 0..used {
+            let (ri, rj) = (self.radius[0][l], self.radius[1][l]);
+            let smaller = if rj > 0.0 { ri.min(rj) } else { ri };
+            self.ratio[l] = self.delta[l] / smaller;
+            worst = worst.max(self.ratio[l]);
+        }
+        self.ratio[..used].iter().position(|r| *r == worst).unwrap_or(0)
     }
 
     /// Evaluates the laws of a pair of materials for a step `dt` \[s\].

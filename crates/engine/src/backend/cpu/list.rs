@@ -11,6 +11,7 @@
 use rayon::prelude::*;
 
 use crate::lattice::{Lattice, dot, sub};
+use super::super::common::images;
 use crate::setup::{BoundaryShape, Constants, LEVEL_RATIO};
 use crate::spec::{Pose, Vec3};
 use crate::state::{ContactMemory, Particles, Progress, SurfaceMemory};
@@ -34,12 +35,10 @@ pub struct Block {
     pub touching: Vec<bool>,
     /// History, a fixed number of floats per candidate, seen from this block's particle.
     pub history: Vec<f32>,
-    /// What the last step found for each touching candidate.
-    pub pull: Vec<Pull>,
     /// Candidates with surfaces.
     pub patches: Vec<Patch>,
     /// Triangles of the patches.
-    pub triangles: Vec<u32>,
+    pub facets: Vec<Facet>,
 }
 
 /// Force and torques of a pair.
@@ -60,12 +59,19 @@ pub struct Patch {
     pub local: u32,
     /// Boundary.
     pub boundary: u32,
-    /// Image of the particle that is near, in periods along each axis.
-    pub shift: [i8; 3],
-    /// Range in the block's triangles; empty for planes.
-    pub triangles: (u32, u32),
+    /// Range in the block's facets; empty for planes.
+    pub facets: (u32, u32),
     /// Contacts of the last step.
     pub contacts: Vec<Touching>,
+}
+
+/// A triangle near a particle.
+#[derive(Clone, Copy, Debug)]
+pub struct Facet {
+    /// Triangle.
+    pub triangle: u32,
+    /// Image of the particle that is near, in periods along each axis.
+    pub shift: [i8; 3],
 }
 
 /// A contact with a surface.
@@ -85,13 +91,15 @@ pub enum Memory<'a> {
     Stored(&'a [ContactMemory], &'a [SurfaceMemory]),
 }
 
-/// For each particle, the candidates of other particles that it is the second of: (block, candidate).
+/// For each particle, the candidates of other particles that it is the second of.
 #[derive(Debug, Default)]
 pub struct Incoming {
     /// Entries of particle j are `start[j]..start[j + 1]`.
     pub start: Vec<u32>,
-    /// Block and candidate.
-    pub entry: Vec<(u32, u32)>,
+    /// Candidates, counted over all blocks.
+    pub entry: Vec<u32>,
+    /// First candidate of each block, and their number.
+    pub base: Vec<u32>,
 }
 
 /// A size level and its rows.
@@ -311,6 +319,7 @@ impl Search<'_> {
     /// Candidates with surfaces: those within reach of the present poses.
     fn surfaces(&self, block: &mut Block, boundaries: &[Option<Pose>]) {
         let count = block.start.len() - 1;
+        let mut near = Vec::new();
         for local in 0..count {
             let i = block.first + local;
             let at = self.c.lattice.decode(self.p.hi_ref[i], self.p.lo_ref[i], [0.0; 3]);
@@ -321,50 +330,30 @@ impl Search<'_> {
                     BoundaryShape::Plane(normal) => {
                         let n = crate::surface::rotate(pose.rotation, *normal);
                         if dot(n, sub(at, pose.translation)) < reach {
-                            block.patches.push(patch(local, b, [0; 3], (0, 0)));
+                            block.patches.push(patch(local, b, (0, 0)));
                         }
                     }
                     BoundaryShape::Mesh(_, bvh) => {
-                        for shift in self.images() {
-                            let x = pose.inverse(self.c.shifted(at, shift));
-                            let begin = block.triangles.len();
-                            bvh.near(x, reach, &mut block.triangles);
-                            block.triangles[begin..].sort_unstable();
-                            let end = block.triangles.len();
-                            if end > begin {
-                                let range = (begin as u32, end as u32);
-                                block.patches.push(patch(local, b, shift, range));
-                            }
+                        let begin = block.facets.len();
+                        for shift in images(self.c.lattice.periodic) {
+                            near.clear();
+                            bvh.near(pose.inverse(self.c.shifted(at, shift)), reach, &mut near);
+                            near.sort_unstable();
+                            block.facets.extend(near.iter().map(|&triangle| Facet { triangle, shift }));
+                        }
+                        let end = block.facets.len();
+                        if end > begin {
+                            block.patches.push(patch(local, b, (begin as u32, end as u32)));
                         }
                     }
                 }
             }
         }
     }
-
-    /// Images in which a particle may meet a mesh.
-    fn images(&self) -> impl Iterator<Item = [i8; 3]> + use<> {
-        let range = self.c.lattice.periodic.map(|p| if p { -1..=1_i8 } else { 0..=0 });
-        let [x, y, z] = range;
-        x.flat_map(move |a| {
-            let z = z.clone();
-            y.clone().flat_map(move |b| z.clone().map(move |c| [a, b, c]))
-        })
-    }
 }
 
-impl Constants {
-    /// A position moved by whole periods.
-    pub fn shifted(&self, x: Vec3, shift: [i8; 3]) -> Vec3 {
-        if shift == [0; 3] {
-            return x;
-        }
-        crate::lattice::add(x, crate::lattice::mul(&self.spec.domain.cell, shift.map(f64::from)))
-    }
-}
-
-fn patch(local: usize, boundary: usize, shift: [i8; 3], triangles: (u32, u32)) -> Patch {
-    Patch { local: local as u32, boundary: boundary as u32, shift, triangles, contacts: Vec::new() }
+fn patch(local: usize, boundary: usize, facets: (u32, u32)) -> Patch {
+    Patch { local: local as u32, boundary: boundary as u32, facets, contacts: Vec::new() }
 }
 
 /// Gives the candidates of a new block what their contacts remember.
@@ -373,7 +362,6 @@ fn recall(c: &Constants, p: &Particles, block: &mut Block, memory: &Memory<'_>) 
     let n = block.partner.len();
     block.touching = vec![false; n];
     block.history = vec![0.0; n * h];
-    block.pull = vec![Pull::default(); n];
     for local in 0..block.start.len() - 1 {
         let i = block.first + local;
         for k in block.start[local] as usize..block.start[local + 1] as usize {
@@ -426,15 +414,15 @@ impl Memory<'_> {
                 block.patches[from..]
                     .iter()
                     .take_while(|q| q.local == local)
-                    .find(|q| q.boundary == patch.boundary && q.shift == patch.shift)
+                    .find(|q| q.boundary == patch.boundary)
                     .map_or_else(Vec::new, |q| q.contacts.clone())
             }
             Self::Stored(_, surfaces) => {
-                let key = (p.id[i], patch.boundary, patch.shift);
-                let from = surfaces.partition_point(|m| (m.id, m.surface, m.shift) < key);
+                let key = (p.id[i], patch.boundary);
+                let from = surfaces.partition_point(|m| (m.id, m.surface) < key);
                 surfaces[from..]
                     .iter()
-                    .take_while(|m| (m.id, m.surface, m.shift) == key)
+                    .take_while(|m| (m.id, m.surface) == key)
                     .map(|m| {
                         let mut history = [0.0; MEMORY];
                         history[..h].copy_from_slice(&m.history);
@@ -458,15 +446,19 @@ pub fn incoming(blocks: &[Block], n: usize) -> Incoming {
         start[j + 1] += start[j];
     }
     let mut next = start.clone();
-    let mut entry = vec![(0, 0); start[n] as usize];
-    for (b, block) in blocks.iter().enumerate() {
-        for (k, &j) in block.partner.iter().enumerate() {
+    let mut entry = vec![0; start[n] as usize];
+    let mut base = vec![0];
+    let mut candidate = 0;
+    for block in blocks {
+        for &j in &block.partner {
             let at = &mut next[j as usize];
-            entry[*at as usize] = (b as u32, k as u32);
+            entry[*at as usize] = candidate;
             *at += 1;
+            candidate += 1;
         }
+        base.push(candidate);
     }
-    Incoming { start, entry }
+    Incoming { start, entry, base }
 }
 
 /// What contacts remember, in a form that no backend's layout shows in.
@@ -493,13 +485,12 @@ pub fn memories(c: &Constants, p: &Particles, blocks: &[Block]) -> (Vec<ContactM
             surfaces.extend(q.contacts.iter().map(|t| SurfaceMemory {
                 id,
                 surface: q.boundary,
-                shift: q.shift,
                 n: t.n,
                 history: t.history[..h].to_vec(),
             }));
         }
     }
     contacts.sort_unstable_by_key(|m| m.id);
-    surfaces.sort_by_key(|m| (m.id, m.surface, m.shift));
+    surfaces.sort_by_key(|m| (m.id, m.surface));
     (contacts, surfaces)
 }

@@ -5,6 +5,8 @@
 //! candidate; each particle sums its contacts in a fixed order and moves; the ledger, if kept, takes
 //! dissipation with velocities at mid-step.
 
+#[macro_use]
+mod widest;
 mod contacts;
 mod integrate;
 mod lanes;
@@ -19,17 +21,17 @@ use glebe_physics::kernel::integrate::{Scheme, Visitor, visit};
 use glebe_physics::kernel::vector::V3;
 use rayon::prelude::*;
 
-use self::contacts::{Found, Phase, Purpose, Scratch, Standing, dissipated, run};
-use self::integrate::{Columns, Moved, Step, after, before, sum};
+use self::contacts::{Found, Phase, Purpose, Scratch, dissipated, run};
+use self::integrate::{Columns, Contacts, Moved, Step, advance};
 use self::lanes::Pair;
-use self::list::{BLOCK, Block, Incoming, Memory};
+use self::list::{BLOCK, Block, Incoming, Memory, Pull};
+use super::common::{Portrait, Standing, outside, overlap_failure, quoted, runaway_failure, too_deep};
 use super::{Detail, Fleet, Job, Moment, PhaseTimes};
 use crate::failure::Failure;
-use crate::lattice::{Lattice, norm, sub};
+use crate::lattice::{norm, sub};
 use crate::setup::{BoundaryShape, Constants, SKIN_MAX};
-use crate::spec::{Pose, Vec3};
-use crate::state::{Lost, Particles, Progress, Spin, State, Velocity};
-use crate::surface::rotate;
+use crate::spec::Pose;
+use crate::state::{Particles, Progress, Spin, State, Velocity};
 
 thread_local! {
     static SCRATCH: RefCell<Scratch> = RefCell::default();
@@ -87,6 +89,8 @@ struct CpuWorld {
     c: Arc<Constants>,
     p: Particles,
     blocks: Vec<Block>,
+    /// What the last step found for each candidate of all blocks; zero where it does not touch.
+    pull: Vec<Pull>,
     incoming: Incoming,
     found: Vec<Found>,
     moved: Vec<Moved>,
@@ -107,6 +111,7 @@ impl CpuWorld {
             c,
             p: Particles::default(),
             blocks: Vec::new(),
+            pull: Vec::new(),
             incoming: Incoming::default(),
             found: Vec::new(),
             moved: Vec::new(),
@@ -160,6 +165,8 @@ impl CpuWorld {
 
     fn prepare_buffers(&mut self) {
         self.incoming = list::incoming(&self.blocks, self.p.len());
+        self.pull.clear();
+        self.pull.resize(self.incoming.entry.len(), Pull::default());
         self.found.resize_with(self.blocks.len(), Found::default);
         self.moved.resize(self.blocks.len(), Moved::default());
         self.velocity_new.resize(self.p.len(), Velocity::default());
@@ -197,67 +204,33 @@ impl CpuWorld {
 
     /// Lists the particles outside the domain; returns which ones stay.
     fn leavers(&self, g: &mut Progress) -> Vec<bool> {
-        let l = &self.c.lattice;
-        let mut keep = vec![true; self.p.len()];
-        let mut left: Vec<(u32, usize, [usize; 2])> = Vec::new();
-        for i in 0..self.p.len() {
-            for k in (0..3).filter(|&k| !l.periodic[k]) {
-                let u = Lattice::units(self.p.hi[i][k], self.p.place[i].lo[k]);
-                if keep[i] && !(0..=l.extent[k]).contains(&u) {
-                    keep[i] = false;
-                    left.push((self.p.id[i], i, [k, usize::from(u > 0)]));
-                }
-            }
+        let side = |i: usize| outside(&self.c.lattice, self.p.hi[i], self.p.place[i].lo);
+        let sides: Vec<_> = (0..self.p.len()).map(side).collect();
+        let mut left: Vec<_> =
+            (0..self.p.len()).filter_map(|i| Some((self.portrait(i), sides[i]?))).collect();
+        left.sort_unstable_by_key(|(p, _)| p.id);
+        for (p, side) in left {
+            p.leave(&self.c, side, g);
         }
-        left.sort_unstable();
-        for (id, i, side) in left {
-            let position = self.position(i);
-            g.lost.push(Lost { id, time: g.step as f64 * self.c.dt, position, side });
-            let e = self.energy_of(i);
-            g.ledger.removed += e[0] + e[1] + e[2];
-        }
-        keep
+        sides.iter().map(Option::is_none).collect()
     }
 
-    fn position(&self, i: usize) -> Vec3 {
-        self.c.lattice.decode(self.p.hi[i], self.p.place[i].lo, self.p.rest[i])
-    }
-
-    /// Energy of translation, rotation and gravity of a particle \[J\].
-    fn energy_of(&self, i: usize) -> [f64; 3] {
-        let (v, w) = (&self.p.velocity[i], &self.p.spin[i]);
-        let mass = 1.0 / f64::from(v.inv_mass);
-        let r = f64::from(self.p.place[i].radius);
-        let square = |a: &[f32; 3]| a.iter().map(|x| f64::from(*x) * f64::from(*x)).sum::<f64>();
-        let x = sub(self.position(i), self.c.lattice.origin);
-        [
-            0.5 * mass * square(&v.v),
-            0.2 * mass * r * r * square(&w.w),
-            -mass * crate::lattice::dot(self.c.spec.gravity, x),
-        ]
+    fn portrait(&self, i: usize) -> Portrait {
+        let (place, v, w) = (self.p.place[i], self.p.velocity[i], self.p.spin[i]);
+        Portrait {
+            id: self.p.id[i],
+            mass: 1.0 / f64::from(v.inv_mass),
+            radius: f64::from(place.radius),
+            x: self.c.lattice.decode(self.p.hi[i], place.lo, self.p.rest[i]),
+            v: v.v.map(f64::from),
+            w: w.w.map(f64::from),
+        }
     }
 
     /// Places boundaries for the present step.
     fn stand(&mut self, g: &Progress) {
-        for (b, boundary) in self.c.boundaries.iter().enumerate() {
-            let standing = &mut self.standing[b];
-            let (present, placed) = match boundary.surface {
-                Some(s) => (g.surfaces[s].present, g.surfaces[s].placed(&self.c, s, g)),
-                None => (true, crate::surface::Placed { pose: boundary.pose, ..Default::default() }),
-            };
-            let moved = standing.placed.pose != placed.pose || !standing.present;
-            standing.present = present;
-            standing.placed = placed;
-            if !present || !moved {
-                continue;
-            }
-            match &boundary.shape {
-                BoundaryShape::Plane(n) => standing.normal = rotate(placed.pose.rotation, *n),
-                BoundaryShape::Mesh(mesh, _) => {
-                    standing.vertices.clear();
-                    standing.vertices.extend(mesh.vertices.iter().map(|x| placed.pose.apply(*x)));
-                }
-            }
+        for (standing, boundary) in self.standing.iter_mut().zip(&self.c.boundaries) {
+            standing.place(boundary, &self.c, g);
         }
     }
 
@@ -294,9 +267,7 @@ impl CpuWorld {
     /// Contacts of every block.
     fn forces(&mut self, purpose: Purpose) {
         let phase = Self::phase(&self.c, &self.pairs, &self.p, &self.standing, purpose);
-        each(&mut self.blocks, &mut self.found, |block, found| {
-            SCRATCH.with_borrow_mut(|scratch| run(&phase, block, found, scratch));
-        });
+        each(&phase, &mut self.blocks, &mut self.pull, &mut self.found);
     }
 
     fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
@@ -338,19 +309,19 @@ impl CpuWorld {
 
     /// Accelerations of the present configuration, without a step.
     fn prime(&mut self) {
-        let s = self.step;
-        let (p, blocks, incoming) = (&mut self.p, &self.blocks, &self.incoming);
-        for (b, block) in blocks.iter().enumerate() {
-            let (place, velocity) = (&p.place, &p.velocity);
-            let (acceleration, angular) = (&mut p.acceleration, &mut p.angular);
-            sum(block, blocks, incoming, &self.found[b].surface, |local, f, t| {
+        for (b, block) in self.blocks.iter().enumerate() {
+            let surface = &self.found[b].surface;
+            let contacts = Contacts { block, pull: &self.pull, incoming: &self.incoming, surface };
+            let mut at = 0;
+            for local in 0..block.start.len() - 1 {
+                let (f, t) = contacts.sum(local, &mut at);
                 let i = block.first + local;
-                let r = place[i].radius;
+                let (r, inv_mass) = (self.p.place[i].radius, self.p.velocity[i].inv_mass);
                 for k in 0..3 {
-                    acceleration[i][k] = f[k] * velocity[i].inv_mass + s.gravity[k];
-                    angular[i][k] = t[k] * 2.5 * velocity[i].inv_mass / (r * r);
+                    self.p.acceleration[i][k] = f[k] * inv_mass + self.step.gravity[k];
+                    self.p.angular[i][k] = t[k] * 2.5 * inv_mass / (r * r);
                 }
-            });
+            }
         }
     }
 
@@ -408,83 +379,47 @@ impl CpuWorld {
                 worst = f.worst;
             }
         }
-        g.worst_overlap = g.worst_overlap.max(f64::from(worst.0));
-        let limits = &self.c.spec.guards;
-        if !limits.overlap_stops || f64::from(worst.0) <= limits.overlap_limit {
+        let depth = f64::from(worst.0);
+        if !too_deep(&self.c, g, depth) {
             return Ok(());
         }
         let other = match worst.2.checked_sub(u32::MAX - self.c.boundaries.len() as u32) {
-            Some(_) => format!("`{}`", self.c.boundaries[(u32::MAX - worst.2) as usize].name),
+            Some(_) => quoted(&self.c, (u32::MAX - worst.2) as usize),
             None => self.describe(worst.2 as usize),
         };
-        Err(self.failure(
-            g,
-            format!(
-                "{} overlaps {other} by {:.0} % of the smaller radius, more than the limit of {:.0} %",
-                self.describe(worst.1 as usize),
-                100.0 * worst.0,
-                100.0 * limits.overlap_limit
-            ),
-            "the bodies meet too fast for their stiffness, the step is too large, or they started inside each \
-             other; raise youngs_modulus, lower the step, or set time.overlap_limit = \"warn\" if soft \
-             particles are meant",
-        ))
+        Err(overlap_failure(&self.c, g, &self.describe(worst.1 as usize), &other, depth))
     }
 
     /// Stops the world when a particle runs away.
     fn check(&self, g: &Progress, moved: Moved) -> Result<(), Failure> {
         let Some(i) = moved.runaway else { return Ok(()) };
         let i = i as usize;
-        let v = self.p.velocity[i].v;
-        let what = if v.iter().all(|x| x.is_finite()) {
-            "moves farther than its own cell in one step"
-        } else {
-            "has a velocity that is not a number"
-        };
-        Err(self.failure(
-            g,
-            format!("{} {what}", self.describe(i)),
-            "the step is too large for the stiffness or the speeds of this world; take a smaller time.step or \
-             \"auto\"",
-        ))
-    }
-
-    fn failure(&self, g: &Progress, what: String, cause: &str) -> Failure {
-        Failure { time: g.step as f64 * self.c.dt, step: g.step, what, cause: cause.to_owned() }
+        Err(runaway_failure(&self.c, g, &self.describe(i), self.p.velocity[i].v.map(f64::from)))
     }
 
     /// A particle in words: number, place, speed, contacts.
     fn describe(&self, i: usize) -> String {
-        let x = self.position(i);
-        let v = self.p.velocity[i].v;
-        let speed = v.iter().map(|c| f64::from(*c) * f64::from(*c)).sum::<f64>().sqrt();
         let block = &self.blocks[i / BLOCK];
         let local = i % BLOCK;
         let mut with: Vec<String> = (block.start[local] as usize..block.start[local + 1] as usize)
             .filter(|&k| block.touching[k])
             .map(|k| self.p.id[block.partner[k] as usize].to_string())
             .collect();
-        for &(b, k) in
+        for &k in
             &self.incoming.entry[self.incoming.start[i] as usize..self.incoming.start[i + 1] as usize]
         {
-            let other = &self.blocks[b as usize];
+            let b = self.incoming.base.partition_point(|&s| s <= k) - 1;
+            let other = &self.blocks[b];
+            let k = k - self.incoming.base[b];
             if other.touching[k as usize] {
                 let local = other.start.partition_point(|&s| s <= k) - 1;
                 with.push(self.p.id[other.first + local].to_string());
             }
         }
         for q in block.patches.iter().filter(|q| q.local as usize == local && !q.contacts.is_empty()) {
-            with.push(format!("`{}`", self.c.boundaries[q.boundary as usize].name));
+            with.push(quoted(&self.c, q.boundary as usize));
         }
-        with.truncate(8);
-        format!(
-            "particle {} at ({:.6}, {:.6}, {:.6}) m, speed {speed:.3e} m/s, touching {},",
-            self.p.id[i],
-            x[0],
-            x[1],
-            x[2],
-            if with.is_empty() { "nothing".to_owned() } else { with.join(", ") }
-        )
+        self.portrait(i).describe(with)
     }
 
     /// Runs the contact phase on the present configuration without changing it.
@@ -493,9 +428,7 @@ impl CpuWorld {
         let phase = Self::phase(&self.c, &self.pairs, &self.p, &self.standing, Purpose::Observe);
         let mut found: Vec<Found> = Vec::new();
         found.resize_with(self.blocks.len(), Found::default);
-        each(&mut self.blocks, &mut found, |block, found| {
-            SCRATCH.with_borrow_mut(|scratch| run(&phase, block, found, scratch));
-        });
+        each(&phase, &mut self.blocks, &mut self.pull, &mut found);
         found
     }
 
@@ -513,9 +446,10 @@ impl CpuWorld {
             .map(|b| {
                 let mut s = [0.0; 4];
                 for i in b * BLOCK..((b + 1) * BLOCK).min(self.p.len()) {
-                    let e = self.energy_of(i);
+                    let p = self.portrait(i);
+                    let e = p.energy(&self.c);
                     (0..3).for_each(|k| s[k] += e[k]);
-                    s[3] = f64::max(s[3], norm(self.p.velocity[i].v.map(f64::from)));
+                    s[3] = f64::max(s[3], norm(p.v));
                 }
                 s
             })
@@ -540,7 +474,7 @@ impl CpuWorld {
             d.on_triangles.push(vec![[0.0; 3]; triangles]);
         }
         for (block, f) in self.blocks.iter().zip(&found) {
-            for &(i, j, force) in &f.coordination {
+            for &(i, j, force) in &f.pairs {
                 d.coordination[i as usize] += 1;
                 d.coordination[j as usize] += 1;
                 d.network.push(([self.p.id[i as usize], self.p.id[j as usize]], force));
@@ -579,14 +513,19 @@ impl CpuWorld {
     }
 }
 
-/// One phase over blocks and what they find, on as many threads as pay.
-fn each(blocks: &mut [Block], found: &mut [Found], work: impl Fn(&mut Block, &mut Found) + Sync) {
-    // A block takes some tens of microseconds; fewer than four are not worth waking threads for.
-    if blocks.len() < 4 {
-        blocks.iter_mut().zip(found).for_each(|(b, f)| work(b, f));
-    } else {
-        blocks.par_iter_mut().zip(found).for_each(|(b, f)| work(b, f));
+/// The contact phase over all blocks, on as many threads as pay.
+fn each(phase: &Phase<'_>, blocks: &mut [Block], mut pull: &mut [Pull], found: &mut [Found]) {
+    let mut work = Vec::with_capacity(blocks.len());
+    for (block, found) in blocks.iter_mut().zip(found) {
+        let (own, rest) = pull.split_at_mut(block.partner.len());
+        pull = rest;
+        work.push((block, own, found));
     }
+    // A block takes some tens of microseconds; fewer than four are not worth waking threads for.
+    let min = if work.len() < 4 { 4 } else { 1 };
+    work.into_par_iter().with_min_len(min).for_each(|(block, pull, found)| {
+        SCRATCH.with_borrow_mut(|scratch| run(phase, block, pull, found, scratch));
+    });
 }
 
 struct Clock(Instant);
@@ -596,6 +535,22 @@ impl Clock {
         let now = Instant::now();
         (now - std::mem::replace(&mut self.0, now)).as_secs_f64()
     }
+}
+
+fn advance_widest<S: Scheme>(
+    c: &mut Columns<'_>,
+    s: &Step,
+    moved: &mut Moved,
+    contacts: Option<Contacts<'_>>,
+    first: bool,
+) {
+    widest!(advance::<S: Scheme>(
+        c: &mut Columns<'_>,
+        s: &Step,
+        moved: &mut Moved,
+        contacts: Option<Contacts<'_>>,
+        first: bool,
+    ));
 }
 
 /// The integrator's loop, compiled once per scheme.
@@ -610,7 +565,7 @@ impl Visitor for Motion<'_> {
 
     fn visit<S: Scheme>(self) -> Moved {
         let Self { world: w, ahead, first } = self;
-        let (blocks, incoming, found, s) = (&w.blocks, &w.incoming, &w.found, w.step);
+        let (blocks, pull, incoming, found, s) = (&w.blocks, &w.pull[..], &w.incoming, &w.found, w.step);
         let p = &mut w.p;
         let columns = (
             p.place.par_chunks_mut(BLOCK),
@@ -661,13 +616,9 @@ impl Visitor for Motion<'_> {
                     force,
                     lo_ref,
                 };
-                if ahead {
-                    before::<S>(&mut c, &s, moved);
-                } else {
-                    sum(&blocks[b], blocks, incoming, &found[b].surface, |i, f, t| {
-                        after::<S>(&mut c, &s, i, f, t, first, moved);
-                    });
-                }
+                let contacts = Contacts { block: &blocks[b], pull, incoming, surface: &found[b].surface };
+                let contacts = (!ahead).then_some(contacts);
+                advance_widest::<S>(&mut c, &s, moved, contacts, first);
             },
         );
         std::mem::swap(&mut w.p.velocity, &mut w.velocity_new);

@@ -1,0 +1,193 @@
+//! What every backend says and accounts in the same way.
+
+use crate::failure::Failure;
+use crate::lattice::{Lattice, add, dot, mul, norm, sub};
+use crate::setup::{Boundary, BoundaryShape, Constants};
+use crate::spec::Vec3;
+use crate::state::{Lost, Progress};
+use crate::surface::{Placed, SurfacePoint, rotate, touch};
+
+/// A boundary as it stands in a step.
+#[derive(Debug, Default)]
+pub struct Standing {
+    /// Whether it is there.
+    pub present: bool,
+    /// Pose and velocity.
+    pub placed: Placed,
+    /// Vertices in the world \[m\]; empty for planes.
+    pub vertices: Vec<Vec3>,
+    /// Unit normal in the world, for planes.
+    pub normal: Vec3,
+}
+
+impl Standing {
+    /// Places `boundary` as it stands at the step of `g`.
+    pub fn place(&mut self, boundary: &Boundary, c: &Constants, g: &Progress) {
+        let (present, placed) = match boundary.surface {
+            Some(s) => (g.surfaces[s].present, g.surfaces[s].placed(c, s, g)),
+            None => (true, Placed { pose: boundary.pose, ..Placed::default() }),
+        };
+        let moved = self.placed.pose != placed.pose || !self.present;
+        self.present = present;
+        self.placed = placed;
+        if !present || !moved {
+            return;
+        }
+        match &boundary.shape {
+            BoundaryShape::Plane(n) => self.normal = rotate(placed.pose.rotation, *n),
+            BoundaryShape::Mesh(mesh, _) => {
+                self.vertices.clear();
+                self.vertices.extend(mesh.vertices.iter().map(|x| placed.pose.apply(*x)));
+            }
+        }
+    }
+
+    /// Appends where a sphere around `center` comes within `reach` \[m\] of the plane, or of one of the
+    /// `facets` of the mesh: triangles, each with the image of the sphere that is meant.
+    pub fn touches(
+        &self,
+        c: &Constants,
+        boundary: &Boundary,
+        center: Vec3,
+        reach: f64,
+        facets: impl Iterator<Item = (u32, [i8; 3])>,
+        found: &mut Vec<SurfacePoint>,
+    ) {
+        match &boundary.shape {
+            BoundaryShape::Plane(_) => {
+                let height = dot(self.normal, sub(center, self.placed.pose.translation));
+                found.extend(SurfacePoint::of_plane(self.normal, height, reach));
+            }
+            BoundaryShape::Mesh(mesh, _) => {
+                found.extend(facets.filter_map(|(triangle, shift)| {
+                    let x = c.shifted(center, shift);
+                    let vertices =
+                        mesh.triangles[triangle as usize].map(|v| sub(self.vertices[v as usize], x));
+                    touch(vertices, triangle, shift, reach)
+                }));
+            }
+        }
+    }
+}
+
+/// A particle as messages and accounts see it.
+#[derive(Clone, Copy, Debug)]
+pub struct Portrait {
+    /// Persistent number.
+    pub id: u32,
+    /// Mass \[kg\].
+    pub mass: f64,
+    /// Radius \[m\].
+    pub radius: f64,
+    /// Centre \[m\].
+    pub x: Vec3,
+    /// Velocity \[m/s\].
+    pub v: Vec3,
+    /// Angular velocity \[rad/s\].
+    pub w: Vec3,
+}
+
+impl Portrait {
+    /// Energy of translation, rotation and gravity \[J\].
+    pub fn energy(&self, c: &Constants) -> [f64; 3] {
+        let x = sub(self.x, c.lattice.origin);
+        [
+            0.5 * self.mass * dot(self.v, self.v),
+            0.2 * self.mass * self.radius * self.radius * dot(self.w, self.w),
+            -self.mass * dot(c.spec.gravity, x),
+        ]
+    }
+
+    /// In words: number, place, speed, what it touches.
+    pub fn describe(&self, mut touching: Vec<String>) -> String {
+        touching.truncate(8);
+        let [x, y, z] = self.x;
+        format!(
+            "particle {} at ({x:.6}, {y:.6}, {z:.6}) m, speed {:.3e} m/s, touching {},",
+            self.id,
+            norm(self.v),
+            if touching.is_empty() { "nothing".to_owned() } else { touching.join(", ") }
+        )
+    }
+
+    /// Counts the particle as one that left through `side`.
+    pub fn leave(&self, c: &Constants, side: [usize; 2], g: &mut Progress) {
+        g.lost.push(Lost { id: self.id, time: g.step as f64 * c.dt, position: self.x, side });
+        g.ledger.removed += self.energy(c).iter().sum::<f64>();
+    }
+}
+
+/// The axis and side through which a place is outside the domain, if it is.
+pub fn outside(l: &Lattice, hi: [i32; 3], lo: [u32; 3]) -> Option<[usize; 2]> {
+    (0..3).filter(|&k| !l.periodic[k]).find_map(|k| {
+        let u = Lattice::units(hi[k], lo[k]);
+        (!(0..=l.extent[k]).contains(&u)).then_some([k, usize::from(u > 0)])
+    })
+}
+
+/// A name in messages.
+pub fn quoted(c: &Constants, boundary: usize) -> String {
+    format!("`{}`", c.boundaries[boundary].name)
+}
+
+/// Whether the overlap `worst`, a fraction of the smaller radius, stops the world. It is remembered.
+pub fn too_deep(c: &Constants, g: &mut Progress, worst: f64) -> bool {
+    g.worst_overlap = g.worst_overlap.max(worst);
+    c.spec.guards.overlap_stops && worst > c.spec.guards.overlap_limit
+}
+
+/// The failure of a world where `body` and `other` overlap too much.
+pub fn overlap_failure(c: &Constants, g: &Progress, body: &str, other: &str, worst: f64) -> Failure {
+    let what = format!(
+        "{body} overlaps {other} by {:.0} % of the smaller radius, more than the limit of {:.0} %",
+        100.0 * worst,
+        100.0 * c.spec.guards.overlap_limit
+    );
+    failure(
+        c,
+        g,
+        what,
+        "the bodies meet too fast for their stiffness, the step is too large, or they started inside each other; \
+         raise youngs_modulus, lower the step, or set time.overlap_limit = \"warn\" if soft particles are meant",
+    )
+}
+
+/// The failure of a world where `body` ran away with velocity `v`.
+pub fn runaway_failure(c: &Constants, g: &Progress, body: &str, v: Vec3) -> Failure {
+    let what = if v.iter().all(|x| x.is_finite()) {
+        "moves farther than its own cell in one step"
+    } else {
+        "has a velocity that is not a number"
+    };
+    failure(
+        c,
+        g,
+        format!("{body} {what}"),
+        "the step is too large for the stiffness or the speeds of this world; take a smaller time.step or \"auto\"",
+    )
+}
+
+fn failure(c: &Constants, g: &Progress, what: String, cause: &str) -> Failure {
+    Failure { time: g.step as f64 * c.dt, step: g.step, what, cause: cause.to_owned() }
+}
+
+/// The displacement in one step that is too much \[m\]: what neighbour lists could not see.
+pub fn runaway_distance(c: &Constants) -> f64 {
+    2.0 * c.radius_max + c.range
+}
+
+/// Images in which a particle may meet a mesh, in periods along each axis.
+pub fn images(periodic: [bool; 3]) -> impl Iterator<Item = [i8; 3]> {
+    let [x, y, z] = periodic.map(|p| if p { -1..=1_i8 } else { 0..=0 });
+    x.flat_map(move |a| {
+        let z = z.clone();
+        y.clone().flat_map(move |b| z.clone().map(move |c| [a, b, c]))
+    })
+}
+
+impl Constants {
+    /// A position moved by whole periods.
+    pub fn shifted(&self, x: Vec3, shift: [i8; 3]) -> Vec3 {
+        if shift == [0; 3] { x } else { add(x, mul(&self.spec.domain.cell, shift.map(f64::from))) }
+    }
+}

@@ -1,0 +1,809 @@
+//! The reference backend, the oracle that every other backend is compared with: each particle meets each
+//! other particle and each triangle in every step, and everything is f64. It has no lists, no lanes and no
+//! threads, and takes its laws from the f64 twin of the kernel source.
+//!
+//! A state holds velocities in f32, so a reference that goes on from its own state does so from rounded
+//! values.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use glebe_physics::kernel64::cohesion::{self, Attraction, Cohesion, CohesionLaw};
+use glebe_physics::kernel64::contact::{Coefficients, Touch, relative_velocity, tangential_part};
+use glebe_physics::kernel64::integrate::{self, Scheme, locally_damped};
+use glebe_physics::kernel64::normal::{self, Normal, NormalForce, NormalLaw, ended};
+use glebe_physics::kernel64::rolling::{self, Roll, Rolling, RollingLaw, Torques};
+use glebe_physics::kernel64::tangential::{
+    self, Friction, Spring, Tangential, TangentialForce, TangentialLaw, carried, slide,
+};
+use glebe_physics::kernel64::vector::{V3, cross, dot, minus, plus, scaled};
+use glebe_physics::{IntegratorKind, PairCoefficients};
+
+use super::common::{
+    Portrait, Standing, images, outside, overlap_failure, quoted, runaway_distance, runaway_failure, too_deep,
+};
+use super::{Detail, Fleet, Job, Moment, PhaseTimes};
+use crate::failure::Failure;
+use crate::lattice::{UNITS, add, mul, norm, sub};
+use crate::setup::{BoundaryShape, Constants};
+use crate::spec::Vec3;
+use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
+use crate::surface::{SurfacePoint, physical_contacts};
+
+/// Worlds computed by the reference.
+pub struct ReferenceFleet {
+    worlds: Vec<World>,
+}
+
+impl ReferenceFleet {
+    /// Takes worlds in.
+    pub fn new(worlds: Vec<(Arc<Constants>, &mut State)>) -> Self {
+        Self { worlds: worlds.into_iter().map(|(c, s)| World::new(c, s)).collect() }
+    }
+}
+
+impl Fleet for ReferenceFleet {
+    fn advance(&mut self, jobs: &mut [Job<'_>]) {
+        for job in jobs {
+            let world = &mut self.worlds[job.world];
+            job.outcome = (0..job.steps).try_for_each(|_| world.step(job.progress));
+        }
+    }
+
+    fn observe(&mut self, world: usize, progress: &Progress) -> Moment {
+        self.worlds[world].observe(progress)
+    }
+
+    fn detail(&mut self, world: usize, progress: &Progress) -> Detail {
+        self.worlds[world].detail(progress)
+    }
+
+    fn state(&self, world: usize, progress: &Progress) -> State {
+        self.worlds[world].state(progress)
+    }
+
+    fn load(&mut self, world: usize, state: &mut State) {
+        self.worlds[world].load(state);
+    }
+
+    fn times(&self, _world: usize) -> PhaseTimes {
+        PhaseTimes::default()
+    }
+
+    fn bytes_per_particle(&self, world: usize) -> f64 {
+        let w = &self.worlds[world];
+        let floats: usize = w.pairs.values().map(Vec::len).sum();
+        let bytes = w.bodies.len() * size_of::<Body>()
+            + w.pairs.len() * size_of::<([u32; 2], Vec<f64>)>()
+            + floats * size_of::<f64>();
+        bytes as f64 / w.bodies.len().max(1) as f64
+    }
+}
+
+/// A particle.
+#[derive(Clone, Debug)]
+struct Body {
+    id: u32,
+    material: u32,
+    radius: f64,
+    inv_mass: f64,
+    /// Where it was when it was loaded \[m\], and how far it has moved since: far from the origin the small
+    /// displacement keeps its digits.
+    home: Vec3,
+    moved: Vec3,
+    v: V3,
+    w: V3,
+    /// Accelerations of the last step, and the force of its contacts.
+    a: V3,
+    alpha: V3,
+    force: V3,
+}
+
+impl Body {
+    fn x(&self) -> Vec3 {
+        add(self.home, self.moved)
+    }
+
+    fn inv_inertia(&self) -> f64 {
+        2.5 * self.inv_mass / (self.radius * self.radius)
+    }
+
+    fn portrait(&self) -> Portrait {
+        Portrait {
+            id: self.id,
+            mass: 1.0 / self.inv_mass,
+            radius: self.radius,
+            x: self.x(),
+            v: array(self.v),
+            w: array(self.w),
+        }
+    }
+}
+
+/// What a contact with a surface remembers: the unit vector into the surface and the history.
+type Touched = (Vec3, Vec<f64>);
+
+/// With whom a particle is in contact.
+#[derive(Clone, Copy)]
+enum Partner {
+    /// Another particle, by index.
+    Particle(usize),
+    /// A triangle of a boundary.
+    Surface { boundary: usize, triangle: usize },
+}
+
+/// Two bodies that touch, as laws see them.
+struct Meeting {
+    n: V3,
+    delta: f64,
+    arm: [f64; 2],
+    radius: [f64; 2],
+    inv_mass: [f64; 2],
+    inv_inertia: [f64; 2],
+    v: [V3; 2],
+    w: [V3; 2],
+    r_eff: f64,
+    diameter: f64,
+}
+
+/// What the laws find for a contact.
+struct Pull {
+    force: V3,
+    torque: [V3; 2],
+    /// The dashpots' part of the force, and the rolling part of the torques.
+    dash: V3,
+    roll: [V3; 2],
+    energy_normal: f64,
+    tangential: TangentialForce,
+}
+
+/// A contact of the present configuration.
+struct Contact {
+    i: usize,
+    with: Partner,
+    meeting: Meeting,
+    pull: Pull,
+    /// From the surface's frame origin to the contact point \[m\]; zero between particles.
+    arm: V3,
+}
+
+struct World {
+    c: Arc<Constants>,
+    bodies: Vec<Body>,
+    standing: Vec<Standing>,
+    /// Memory of touching pairs, seen from the lower number.
+    pairs: BTreeMap<[u32; 2], Vec<f64>>,
+    /// Memory of contacts with surfaces, by particle and boundary.
+    surfaces: BTreeMap<(u32, usize), Vec<Touched>>,
+}
+
+impl World {
+    fn new(c: Arc<Constants>, state: &mut State) -> Self {
+        let standing = c.boundaries.iter().map(|_| Standing::default()).collect();
+        let mut world =
+            Self { c, bodies: Vec::new(), standing, pairs: BTreeMap::new(), surfaces: BTreeMap::new() };
+        world.load(state);
+        world
+    }
+
+    fn load(&mut self, state: &mut State) {
+        let p = &state.particles;
+        self.bodies = (0..p.len())
+            .map(|i| Body {
+                id: p.id[i],
+                material: p.spin[i].material,
+                radius: f64::from(p.place[i].radius),
+                inv_mass: f64::from(p.velocity[i].inv_mass),
+                home: self.c.lattice.decode(p.hi[i], p.place[i].lo, p.rest[i]),
+                moved: [0.0; 3],
+                v: wide(p.velocity[i].v),
+                w: wide(p.spin[i].w),
+                a: wide(p.acceleration[i]),
+                alpha: wide(p.angular[i]),
+                force: wide(p.force[i]),
+            })
+            .collect();
+        let floats = |h: &[f32]| h.iter().copied().map(f64::from).collect();
+        self.pairs = state.contacts.iter().map(|m| (m.id, floats(&m.history))).collect();
+        self.surfaces.clear();
+        for m in &state.surface_contacts {
+            let touched = (m.n.map(f64::from), floats(&m.history));
+            self.surfaces.entry((m.id, m.surface as usize)).or_default().push(touched);
+        }
+        state.progress.stale = false;
+    }
+
+    fn state(&self, g: &Progress) -> State {
+        let mut p = Particles::default();
+        for b in &self.bodies {
+            let e = self.c.lattice.encode(b.x());
+            p.id.push(b.id);
+            p.place.push(Place { lo: e.lo, radius: b.radius as f32 });
+            p.velocity.push(Velocity { v: narrow(b.v), inv_mass: b.inv_mass as f32 });
+            p.spin.push(Spin { w: narrow(b.w), material: b.material });
+            p.hi.push(e.hi);
+            p.rest.push(e.rest);
+            p.acceleration.push(narrow(b.a));
+            p.angular.push(narrow(b.alpha));
+            p.force.push(narrow(b.force));
+            p.hi_ref.push(e.hi);
+            p.lo_ref.push(e.lo);
+        }
+        let floats = |h: &[f64]| h.iter().map(|x| *x as f32).collect();
+        let contacts =
+            self.pairs.iter().map(|(id, h)| ContactMemory { id: *id, history: floats(h) }).collect();
+        let surface_contacts = self
+            .surfaces
+            .iter()
+            .flat_map(|((id, boundary), touched)| {
+                touched.iter().map(|(n, h)| SurfaceMemory {
+                    id: *id,
+                    surface: *boundary as u32,
+                    n: n.map(|x| x as f32),
+                    history: floats(h),
+                })
+            })
+            .collect();
+        // The order is not that of any list: whoever has lists must build them first.
+        State { particles: p, contacts, surface_contacts, progress: Progress { stale: true, ..g.clone() } }
+    }
+
+    fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
+        let c = self.c.clone();
+        let kind = c.spec.time.integrator;
+        let split = kind == IntegratorKind::VelocityVerlet;
+        self.stand(g);
+        if split {
+            if !g.primed {
+                self.prime();
+            }
+            let moved = self.motion(kind, None, !g.primed);
+            self.check(g, &moved)?;
+        }
+        let contacts = self.contacts_of_step(c.dt);
+        let moved = self.motion(kind, Some(&self.sums(&contacts)), !g.primed);
+        self.account(g, &contacts, &moved, split);
+        self.guard(g, &contacts)?;
+        self.check(g, &moved)?;
+        g.primed = true;
+        g.step += 1;
+        self.release(g);
+        Ok(())
+    }
+
+    fn stand(&mut self, g: &Progress) {
+        for (standing, boundary) in self.standing.iter_mut().zip(&self.c.boundaries) {
+            standing.place(boundary, &self.c, g);
+        }
+    }
+
+    /// Accelerations of the present configuration, without a step.
+    fn prime(&mut self) {
+        let sums = self.sums(&self.contacts_now());
+        let gravity = v3(self.c.spec.gravity);
+        for (b, [f, t]) in self.bodies.iter_mut().zip(sums) {
+            b.a = plus(scaled(f, b.inv_mass), gravity);
+            b.alpha = scaled(t, b.inv_inertia());
+        }
+    }
+
+    /// The contacts of the present configuration; memory stays as it is.
+    fn contacts_now(&self) -> Vec<Contact> {
+        let (mut contacts, dt) = (Vec::new(), 0.0);
+        self.particle_contacts(dt, &mut contacts);
+        self.surface_contacts(dt, &mut contacts);
+        contacts
+    }
+
+    /// The contacts in a step `dt` \[s\], after which they are remembered.
+    fn contacts_of_step(&mut self, dt: f64) -> Vec<Contact> {
+        let mut contacts = Vec::new();
+        self.pairs = self.particle_contacts(dt, &mut contacts);
+        self.surfaces = self.surface_contacts(dt, &mut contacts);
+        contacts
+    }
+
+    fn particle_contacts(&self, dt: f64, contacts: &mut Vec<Contact>) -> BTreeMap<[u32; 2], Vec<f64>> {
+        let mut memory = BTreeMap::new();
+        for (one, a) in self.bodies.iter().enumerate() {
+            for (two, b) in self.bodies.iter().enumerate().skip(one + 1) {
+                let ((i, a), (j, b)) = if a.id < b.id { ((one, a), (two, b)) } else { ((two, b), (one, a)) };
+                let d = v3(self.between(a, b));
+                let (sum, distance) = (a.radius + b.radius, dot(d, d).sqrt());
+                if distance >= sum + self.c.range {
+                    continue;
+                }
+                let delta = sum - distance;
+                let r_eff = a.radius * b.radius / sum;
+                let meeting = Meeting {
+                    n: scaled(d, 1.0 / distance),
+                    delta,
+                    arm: [a.radius - 0.5 * delta, b.radius - 0.5 * delta],
+                    radius: [a.radius, b.radius],
+                    inv_mass: [a.inv_mass, b.inv_mass],
+                    inv_inertia: [a.inv_inertia(), b.inv_inertia()],
+                    v: [a.v, b.v],
+                    w: [a.w, b.w],
+                    r_eff,
+                    diameter: 4.0 * r_eff,
+                };
+                let id = [a.id, b.id];
+                let mut history =
+                    self.pairs.get(&id).cloned().unwrap_or_else(|| vec![0.0; self.c.history.len()]);
+                let pull = self.evaluate(&meeting, self.c.pair(a.material as usize, b.material as usize), &mut history, dt);
+                memory.insert(id, history);
+                contacts.push(Contact { i, with: Partner::Particle(j), meeting, pull, arm: v3([0.0; 3]) });
+            }
+        }
+        memory
+    }
+
+    fn surface_contacts(&self, dt: f64, contacts: &mut Vec<Contact>) -> BTreeMap<(u32, usize), Vec<Touched>> {
+        let mut memory = BTreeMap::new();
+        for (i, b) in self.bodies.iter().enumerate() {
+            for boundary in (0..self.standing.len()).filter(|&k| self.standing[k].present) {
+                let key = (b.id, boundary);
+                let mut before = self.surfaces.get(&key).cloned().unwrap_or_default();
+                let mut now: Vec<Touched> = Vec::new();
+                for point in self.surface_points(b, boundary) {
+                    let mut history = take_nearest(&mut before, point.n)
+                        .unwrap_or_else(|| vec![0.0; self.c.history.len()]);
+                    let (meeting, arm) = self.on_surface(b, boundary, &point);
+                    let pair = self.c.pair(b.material as usize, self.c.boundaries[boundary].material);
+                    let pull = self.evaluate(&meeting, pair, &mut history, dt);
+                    now.push((point.n, history));
+                    let with = Partner::Surface { boundary, triangle: point.triangle as usize };
+                    contacts.push(Contact { i, with, meeting, pull, arm });
+                }
+                if !now.is_empty() {
+                    memory.insert(key, now);
+                }
+            }
+        }
+        memory
+    }
+
+    /// From the centre of `a` to that of the nearest image of `b` \[m\].
+    fn between(&self, a: &Body, b: &Body) -> Vec3 {
+        let d = add(sub(b.home, a.home), sub(b.moved, a.moved));
+        let turns = self.periods(d).map(f64::round);
+        sub(d, mul(&self.c.spec.domain.cell, turns))
+    }
+
+    /// A difference of places in periods of the cell; 0 along axes that do not wrap.
+    fn periods(&self, d: Vec3) -> Vec3 {
+        let l = &self.c.lattice;
+        let units = mul(&l.inverse, d);
+        [0, 1, 2].map(|k| if l.periodic[k] { units[k] / (f64::from(l.windows[k]) * UNITS) } else { 0.0 })
+    }
+
+    /// The physical contacts of a particle, all its images together, with a boundary.
+    fn surface_points(&self, b: &Body, boundary: usize) -> Vec<SurfacePoint> {
+        let shape = &self.c.boundaries[boundary];
+        let triangles = match &shape.shape {
+            BoundaryShape::Plane(_) => 0,
+            BoundaryShape::Mesh(mesh, _) => mesh.triangles.len() as u32,
+        };
+        let mut points = Vec::new();
+        for shift in images(self.c.lattice.periodic) {
+            let facets = (0..triangles).map(|t| (t, shift));
+            // A plane has no end, and no image.
+            if shift == [0; 3] || triangles > 0 {
+                let reach = b.radius + self.c.range;
+                self.standing[boundary].touches(&self.c, shape, self.inside(b), reach, facets, &mut points);
+            }
+        }
+        physical_contacts(&mut points, b.radius);
+        points
+    }
+
+    /// The centre of a particle's image inside the cell \[m\].
+    fn inside(&self, b: &Body) -> Vec3 {
+        let turns = self.periods(sub(b.x(), self.c.lattice.origin)).map(f64::floor);
+        sub(b.x(), mul(&self.c.spec.domain.cell, turns))
+    }
+
+    /// The contact of `b` with a boundary, and the contact point from the origin of the boundary's frame.
+    fn on_surface(&self, b: &Body, boundary: usize, p: &SurfacePoint) -> (Meeting, V3) {
+        let placed = &self.standing[boundary].placed;
+        let center = self.c.shifted(self.inside(b), p.shift);
+        let n = v3(p.n);
+        let arm = plus(v3(sub(center, placed.pose.translation)), scaled(n, p.distance));
+        let spin = v3(placed.spin);
+        let meeting = Meeting {
+            n,
+            delta: b.radius - p.distance,
+            arm: [p.distance, 0.0],
+            radius: [b.radius, 0.0],
+            inv_mass: [b.inv_mass, 0.0],
+            inv_inertia: [b.inv_inertia(), 0.0],
+            v: [b.v, plus(v3(placed.velocity), cross(spin, arm))],
+            w: [b.w, spin],
+            r_eff: b.radius,
+            diameter: 2.0 * b.radius,
+        };
+        (meeting, arm)
+    }
+
+    /// The laws of a contact: kinematics, cohesion, normal, tangential, rolling.
+    fn evaluate(&self, m: &Meeting, pair: &PairCoefficients, history: &mut [f64], dt: f64) -> Pull {
+        let laws = self.c.laws;
+        let ([vi, vj], [wi, wj]) = (m.v, m.w);
+        let u = relative_velocity(vi, vj, wi, wj, m.n, m.arm[0], m.arm[1]);
+        let vt = tangential_part(u, m.n);
+        let touch = Touch {
+            delta: m.delta,
+            vn: dot(u, m.n),
+            r_eff: m.r_eff,
+            m_eff: 1.0 / (m.inv_mass[0] + m.inv_mass[1]),
+            diameter: m.diameter,
+        };
+        let attraction =
+            CohesionLaw::ALL[laws.cohesion as usize].visit(CohesionOf(&coefficients(pair.cohesion), touch));
+        let normal = NormalLaw::ALL[laws.normal as usize].visit(NormalOf(&coefficients(pair.normal), touch));
+        let normal = ended(normal, pair.clip);
+        let load = normal.elastic + normal.viscous;
+
+        let law = TangentialLaw::ALL[laws.tangential as usize];
+        let spring = law.visit(SpringOf(&coefficients(pair.tangential), touch, normal));
+        let mut t = TangentialForce::default();
+        if !law.history().is_empty() {
+            let from = laws.normal.history().len();
+            let h = &mut history[from..from + 4];
+            let twist = 0.5 * dt * dot(plus(wi, wj), m.n);
+            let stretch = carried(V3 { x: h[0], y: h[1], z: h[2] }, m.n, twist);
+            let friction = Friction {
+                sliding: pair.friction[0],
+                sticking: pair.friction[1],
+                remember: pair.remember,
+                truncate: pair.truncate,
+            };
+            t = slide(stretch, h[3], spring, friction, load, vt, dt);
+            h.copy_from_slice(&[t.stretch.x, t.stretch.y, t.stretch.z, t.slip]);
+        }
+        let couple = cross(m.n, t.force);
+        let roll = Roll {
+            n: m.n,
+            wi,
+            wj,
+            couple,
+            arm_i: m.arm[0],
+            arm_j: m.arm[1],
+            r_i: m.radius[0],
+            r_j: m.radius[1],
+            inv_inertia_i: m.inv_inertia[0],
+            inv_inertia_j: m.inv_inertia[1],
+            r_eff: m.r_eff,
+            load: load.max(0.0),
+            dt,
+        };
+        let r = RollingLaw::ALL[laws.rolling as usize].visit(RollingOf(&coefficients(pair.rolling), roll));
+        Pull {
+            force: plus(scaled(m.n, attraction.force - load), t.force),
+            torque: [plus(scaled(couple, m.arm[0]), r.on_i), plus(scaled(couple, m.arm[1]), r.on_j)],
+            dash: plus(scaled(m.n, -normal.viscous), minus(t.force, t.spring)),
+            roll: [r.on_i, r.on_j],
+            energy_normal: normal.energy + attraction.energy,
+            tangential: t,
+        }
+    }
+
+    /// Force and torque of the contacts on every particle.
+    fn sums(&self, contacts: &[Contact]) -> Vec<[V3; 2]> {
+        let mut sums = vec![[V3::default(); 2]; self.bodies.len()];
+        for contact in contacts {
+            let pull = &contact.pull;
+            let [f, t] = &mut sums[contact.i];
+            *f = plus(*f, pull.force);
+            *t = plus(*t, pull.torque[0]);
+            if let Partner::Particle(j) = contact.with {
+                let [f, t] = &mut sums[j];
+                *f = minus(*f, pull.force);
+                *t = plus(*t, pull.torque[1]);
+            }
+        }
+        sums
+    }
+
+    /// Moves all particles: with the force, or ahead of it.
+    fn motion(&mut self, kind: IntegratorKind, sums: Option<&[[V3; 2]]>, first: bool) -> Moved {
+        let c = self.c.clone();
+        integrate::visit(kind, Motion { c: &c, bodies: &mut self.bodies, sums, first })
+    }
+
+    /// Dissipation, surface forces and work of the step.
+    fn account(&self, g: &mut Progress, contacts: &[Contact], moved: &Moved, split: bool) {
+        let c = &self.c;
+        let mut forces = vec![[0.0; 6]; c.spec.surfaces.len()];
+        let ledger = &mut g.ledger;
+        let before = std::mem::take(&mut ledger.elastic_tangential);
+        ledger.stiffness_change += before;
+        ledger.damping += moved.damped;
+        for contact in contacts {
+            let (m, pull) = (&contact.meeting, &contact.pull);
+            ledger.friction += pull.tangential.friction_loss;
+            ledger.elastic_tangential += pull.tangential.energy;
+            ledger.stiffness_change -= pull.tangential.energy_before;
+            // With mid-step velocities the change of kinetic energy is exact for a force held over the step.
+            // Velocity Verlet's force acts around the velocity after it.
+            let middle = |i: usize| {
+                let b = &self.bodies[i];
+                let half = |old: V3, new: V3| if split { new } else { scaled(plus(old, new), 0.5) };
+                (half(moved.before[i].0, b.v), half(moved.before[i].1, b.w))
+            };
+            let (vi, wi) = middle(contact.i);
+            let (vj, wj) = match contact.with {
+                Partner::Particle(j) => middle(j),
+                Partner::Surface { boundary, .. } => {
+                    if let Some(s) = c.boundaries[boundary].surface {
+                        let f = scaled(pull.force, -1.0);
+                        let t = plus(cross(contact.arm, f), pull.roll[1]);
+                        for (sum, x) in forces[s].iter_mut().zip(array(f).into_iter().chain(array(t))) {
+                            *sum += x;
+                        }
+                        ledger.work -= c.dt * (dot(f, m.v[1]) + dot(pull.roll[1], m.w[1]));
+                    }
+                    (m.v[1], m.w[1])
+                }
+            };
+            if c.spec.sampling.energy_ledger {
+                let u = relative_velocity(vi, vj, wi, wj, m.n, m.arm[0], m.arm[1]);
+                ledger.dashpots -= c.dt * dot(pull.dash, u);
+                ledger.rolling -= c.dt * (dot(pull.roll[0], wi) + dot(pull.roll[1], wj));
+            }
+        }
+        g.account(c, &forces);
+    }
+
+    /// Stops the world when particles overlap too much.
+    fn guard(&self, g: &mut Progress, contacts: &[Contact]) -> Result<(), Failure> {
+        let worst = contacts.iter().max_by(|a, b| a.depth().total_cmp(&b.depth()));
+        let Some(worst) = worst.filter(|w| too_deep(&self.c, g, w.depth())) else { return Ok(()) };
+        let other = match worst.with {
+            Partner::Particle(j) => self.describe(j),
+            Partner::Surface { boundary, .. } => quoted(&self.c, boundary),
+        };
+        Err(overlap_failure(&self.c, g, &self.describe(worst.i), &other, worst.depth()))
+    }
+
+    /// Stops the world when a particle runs away.
+    fn check(&self, g: &Progress, moved: &Moved) -> Result<(), Failure> {
+        match moved.runaway {
+            None => Ok(()),
+            Some(i) => {
+                Err(runaway_failure(&self.c, g, &self.describe(i), self.bodies[i].portrait().v))
+            }
+        }
+    }
+
+    fn describe(&self, i: usize) -> String {
+        let b = &self.bodies[i];
+        let pairs = self.pairs.keys().filter(|id| id.contains(&b.id));
+        let mut touching: Vec<String> =
+            pairs.map(|id| if id[0] == b.id { id[1] } else { id[0] }.to_string()).collect();
+        touching.extend(self.surfaces.keys().filter(|k| k.0 == b.id).map(|k| quoted(&self.c, k.1)));
+        b.portrait().describe(touching)
+    }
+
+    /// Takes out and lists the particles outside the domain.
+    fn release(&mut self, g: &mut Progress) {
+        let c = self.c.clone();
+        let mut left: Vec<(Portrait, [usize; 2])> = Vec::new();
+        self.bodies.retain(|b| {
+            let e = c.lattice.encode(b.x());
+            let side = outside(&c.lattice, e.hi, e.lo);
+            left.extend(side.map(|side| (b.portrait(), side)));
+            side.is_none()
+        });
+        left.sort_unstable_by_key(|(p, _)| p.id);
+        for (p, side) in left {
+            p.leave(&c, side, g);
+            self.pairs.retain(|id, _| !id.contains(&p.id));
+            self.surfaces.retain(|key, _| key.0 != p.id);
+        }
+    }
+
+    fn observe(&mut self, g: &Progress) -> Moment {
+        self.stand(g);
+        let mut m = Moment::default();
+        for contact in self.contacts_now() {
+            m.elastic_normal += contact.pull.energy_normal;
+            m.elastic_tangential += contact.pull.tangential.energy_before;
+            m.overlap = m.overlap.max(contact.depth());
+            match contact.with {
+                Partner::Particle(_) => m.contacts += 1,
+                Partner::Surface { .. } => m.surface_contacts += 1,
+            }
+        }
+        for b in &self.bodies {
+            let p = b.portrait();
+            let e = p.energy(&self.c);
+            m.translation += e[0];
+            m.rotation += e[1];
+            m.potential += e[2];
+            m.speed = m.speed.max(norm(p.v));
+        }
+        m
+    }
+
+    fn detail(&mut self, g: &Progress) -> Detail {
+        self.stand(g);
+        let mut d = Detail { coordination: vec![0; self.bodies.len()], ..Detail::default() };
+        for s in 0..self.c.spec.surfaces.len() {
+            let triangles = match &self.c.boundaries[s].shape {
+                BoundaryShape::Mesh(mesh, _) => mesh.triangles.len(),
+                BoundaryShape::Plane(_) => 1,
+            };
+            d.on_triangles.push(vec![[0.0; 3]; triangles]);
+        }
+        for contact in self.contacts_now() {
+            d.coordination[contact.i] += 1;
+            match contact.with {
+                Partner::Particle(j) => {
+                    d.coordination[j] += 1;
+                    let ids = [self.bodies[contact.i].id, self.bodies[j].id];
+                    d.network.push((ids, narrow(contact.pull.force)));
+                }
+                Partner::Surface { boundary, triangle } => {
+                    if let Some(s) = self.c.boundaries[boundary].surface {
+                        let on = &mut d.on_triangles[s][triangle];
+                        *on = sub(*on, array(contact.pull.force));
+                    }
+                }
+            }
+        }
+        d
+    }
+}
+
+impl Contact {
+    /// Overlap as a fraction of the smaller radius.
+    fn depth(&self) -> f64 {
+        let [i, j] = self.meeting.radius;
+        self.meeting.delta / if j > 0.0 { i.min(j) } else { i }
+    }
+}
+
+/// The memory of the contact whose normal was nearest to `n`, taken out; none if all were far off.
+fn take_nearest(before: &mut Vec<Touched>, n: Vec3) -> Option<Vec<f64>> {
+    let cosine = |t: &Touched| crate::lattice::dot(t.0, n);
+    let nearest = (0..before.len()).max_by(|&a, &b| cosine(&before[a]).total_cmp(&cosine(&before[b])))?;
+    (cosine(&before[nearest]) > 0.5).then(|| before.swap_remove(nearest).1)
+}
+
+/// What a motion finds.
+struct Moved {
+    /// Velocities and spins before it.
+    before: Vec<(V3, V3)>,
+    runaway: Option<usize>,
+    damped: f64,
+}
+
+struct Motion<'a> {
+    c: &'a Constants,
+    bodies: &'a mut [Body],
+    sums: Option<&'a [[V3; 2]]>,
+    first: bool,
+}
+
+impl integrate::Visitor for Motion<'_> {
+    type Output = Moved;
+
+    fn visit<S: Scheme>(self) -> Moved {
+        let dt = self.c.dt;
+        let before = self.bodies.iter().map(|b| (b.v, b.w)).collect();
+        let mut moved = Moved { before, runaway: None, damped: 0.0 };
+        for (i, b) in self.bodies.iter_mut().enumerate() {
+            let dx = match self.sums {
+                None => ahead::<S>(b, dt),
+                Some(sums) => with_force::<S>(b, sums[i], self.c, self.first, &mut moved.damped),
+            };
+            let far = runaway_distance(self.c);
+            // Not a number fails the comparison too.
+            if norm(dx) <= far {
+                b.moved = add(b.moved, dx);
+            } else {
+                moved.runaway.get_or_insert(i);
+            }
+        }
+        moved
+    }
+}
+
+/// Moves a particle with the acceleration of the step before; returns its displacement.
+fn ahead<S: Scheme>(b: &mut Body, dt: f64) -> Vec3 {
+    let (v, w) = (array(b.v), array(b.w));
+    let x = zip(v, array(b.a), |v, a| S::before(v, a, dt));
+    let y = zip(w, array(b.alpha), |w, a| S::before(w, a, dt));
+    b.v = v3(x.map(|s| s.v));
+    b.w = v3(y.map(|s| s.v));
+    x.map(|s| s.dx)
+}
+
+/// Moves a particle with force and torque; returns its displacement.
+fn with_force<S: Scheme>(
+    b: &mut Body,
+    [force, torque]: [V3; 2],
+    c: &Constants,
+    first: bool,
+    damped: &mut f64,
+) -> Vec3 {
+    let (dt, damping) = (c.dt, c.spec.local_damping);
+    let free = plus(scaled(force, b.inv_mass), v3(c.spec.gravity));
+    let turning = scaled(torque, b.inv_inertia());
+    let reduced = |v: V3, a: V3| {
+        v3(zip(array(v), array(a), |v, a| if damping > 0.0 { locally_damped(v, a, damping, dt) } else { a }))
+    };
+    let (a, alpha) = (reduced(b.v, free), reduced(b.w, turning));
+    let (a_old, alpha_old) = if first { (a, alpha) } else { (b.a, b.alpha) };
+    let advance = |v: V3, a: V3, old: V3| {
+        let (v, a, old) = (array(v), array(a), array(old));
+        [0, 1, 2].map(|k| S::after(v[k], a[k], old[k], dt))
+    };
+    let (x, y) = (advance(b.v, a, a_old), advance(b.w, alpha, alpha_old));
+    let (v, w) = (v3(x.map(|s| s.v)), v3(y.map(|s| s.v)));
+    let work = |lost: V3, old: V3, new: V3| 0.5 * dt * dot(lost, plus(old, new));
+    *damped += work(minus(free, a), b.v, v) / b.inv_mass + work(minus(turning, alpha), b.w, w) / b.inv_inertia();
+    (b.force, b.a, b.alpha, b.v, b.w) = (force, a, alpha, v, w);
+    x.map(|s| s.dx)
+}
+
+struct NormalOf<'a>(&'a Coefficients, Touch);
+
+impl normal::Visitor for NormalOf<'_> {
+    type Output = NormalForce;
+    fn visit<L: Normal>(self) -> NormalForce {
+        L::force(self.0, self.1)
+    }
+}
+
+struct CohesionOf<'a>(&'a Coefficients, Touch);
+
+impl cohesion::Visitor for CohesionOf<'_> {
+    type Output = Attraction;
+    fn visit<L: Cohesion>(self) -> Attraction {
+        L::attraction(self.0, self.1)
+    }
+}
+
+struct SpringOf<'a>(&'a Coefficients, Touch, NormalForce);
+
+impl tangential::Visitor for SpringOf<'_> {
+    type Output = Spring;
+    fn visit<L: Tangential>(self) -> Spring {
+        L::spring(self.0, self.1, self.2)
+    }
+}
+
+struct RollingOf<'a>(&'a Coefficients, Roll);
+
+impl rolling::Visitor for RollingOf<'_> {
+    type Output = Torques;
+    fn visit<L: Rolling>(self) -> Torques {
+        L::torques(self.0, self.1)
+    }
+}
+
+fn coefficients([a, b, c, d]: [f64; 4]) -> Coefficients {
+    Coefficients { a, b, c, d }
+}
+
+fn zip<T>(a: Vec3, b: Vec3, f: impl Fn(f64, f64) -> T) -> [T; 3] {
+    [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2])]
+}
+
+fn v3([x, y, z]: Vec3) -> V3 {
+    V3 { x, y, z }
+}
+
+fn array(v: V3) -> Vec3 {
+    [v.x, v.y, v.z]
+}
+
+fn wide(v: [f32; 3]) -> V3 {
+    v3(v.map(f64::from))
+}
+
+fn narrow(v: V3) -> [f32; 3] {
+    array(v).map(|x| x as f32)
+}

@@ -1,0 +1,119 @@
+//! From equal states, a backend finds the forces of the reference.
+
+use std::sync::OnceLock;
+
+use glebe_engine::backend::Backend;
+use glebe_engine::generate::{FillRequest, Region, generate};
+use glebe_engine::lattice::{add, norm, sub};
+use glebe_engine::spec::{Domain, Pose, Side, Vec3, WorldSpec};
+use glebe_physics::{ContactEnd, ContactModel, History, IntegratorKind, LawChoice, Material};
+
+use crate::support::{Random, Run, all_combinations, grain, label, mesh, open_world};
+
+/// Largest error of a particle's force, as a share of the sum of its contact forces' sizes.
+const FORCE: f64 = 3e-6;
+/// Of its torque, as a share of that sum times the radius.
+const TORQUE: f64 = 3e-6;
+/// Largest difference after 200 steps, in mean radii and as a share of the largest speed.
+const POSITION: f64 = 1e-6;
+const VELOCITY: f64 = 2e-4;
+
+const SIZE: f64 = 0.030;
+
+/// 400 spheres of 1-3 mm, packed in a box that is periodic along x, pressed together by 2 %.
+fn packed() -> &'static (Vec<f64>, Vec<Vec3>) {
+    static PACKED: OnceLock<(Vec<f64>, Vec<Vec3>)> = OnceLock::new();
+    PACKED.get_or_init(|| {
+        let mut r = Random(5);
+        let radii: Vec<f64> = (0..400).map(|_| 1e-3 * (1.0 + 2.0 * r.unit())).collect();
+        let region =
+            Region { min: [0.0; 3], max: [SIZE, SIZE, 2.0 * SIZE], periodic: [true, false, false] };
+        let x = generate("dense", &FillRequest::new(region, &radii, 3)).unwrap();
+        (radii, x)
+    })
+}
+
+/// The packing in walls along y, on a zigzag mesh, of two materials, all moving and spinning.
+fn world(contact: ContactModel) -> WorldSpec {
+    const PRESSED: f64 = 0.98;
+    let (radii, positions) = packed();
+    let other = Material { youngs_modulus: 3e7, poissons_ratio: 0.2, friction: 0.3, static_friction: 0.4, ..grain(0.8, 0.0) };
+    let mut w = open_world([0.0; 3], 1.0, 2e-6, grain(0.5, 0.5));
+    w.materials.push(other);
+    let side = SIZE * PRESSED;
+    let sides = [[Side::Periodic; 2], [Side::Wall; 2], [Side::Open; 2]];
+    w.domain = Domain::aligned([0.0, 0.0, -0.01], [side, side, 0.08], sides, Some(1));
+    w.contact = contact;
+    w.gravity = [0.0, 0.0, -9.81];
+    let mut r = Random(9);
+    for (i, x) in positions.iter().enumerate() {
+        let x = x.map(|c| c * PRESSED);
+        w.particles.push_moving(x, radii[i], i % 2, r.vector(0.2), r.vector(100.0));
+    }
+    // Ridges along x that end where the period ends.
+    let rows = 12;
+    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+    for k in 0..=rows {
+        let y = side * f64::from(k) / f64::from(rows);
+        let z = if k % 2 == 0 { 1e-4 } else { 6e-4 };
+        vertices.extend([[0.0, y, z], [side, y, z]]);
+    }
+    for k in 0..rows as u32 {
+        triangles.extend([[2 * k, 2 * k + 1, 2 * k + 2], [2 * k + 1, 2 * k + 3, 2 * k + 2]]);
+    }
+    w.surfaces = vec![mesh(vertices, triangles, Pose::default())];
+    w
+}
+
+pub fn one_step_forces_equal_the_reference(backend: Backend) {
+    for (k, mut contact) in all_combinations().into_iter().enumerate() {
+        contact.end = [ContactEnd::Tension, ContactEnd::NoTension][k % 2];
+        contact.history = [History::Truncated, History::Unbounded, History::None][k % 3];
+        let name = label(&contact);
+        let mut spec = world(contact);
+        spec.time.integrator = IntegratorKind::ALL[k % 4];
+        spec.local_damping = if k % 5 == 0 { 0.2 } else { 0.0 };
+        let mut run = Run::new(backend, spec);
+        run.steps(10);
+        let mut reference = Run::resume(Backend::Reference, run.c.clone(), run.state());
+        let detail = reference.detail();
+        assert!(detail.network.len() > 700, "{name}: only {} contacts", detail.network.len());
+        assert!(reference.moment().surface_contacts > 40);
+        let mut sizes = vec![0.0; 400];
+        for (ids, f) in &detail.network {
+            ids.iter().for_each(|i| sizes[*i as usize] += norm(f.map(f64::from)));
+        }
+        run.steps(1);
+        reference.steps(1);
+        for (i, (a, b)) in run.bodies().iter().zip(reference.bodies()).enumerate() {
+            // What the network does not hold, contacts with surfaces, is at most this.
+            let size = 2.0 * sizes[i] + norm(b.force);
+            let off = norm(sub(a.force, b.force));
+            assert!(off <= FORCE * size, "{name}: force on {i} off by {:.2e} of {size:.3e} N", off / size);
+            let off = norm(sub(a.torque, b.torque));
+            let size = size * b.radius;
+            assert!(off <= TORQUE * size, "{name}: torque on {i} off by {:.2e} of {size:.3e} N m", off / size);
+        }
+    }
+}
+
+pub fn short_trajectories_equal_the_reference(backend: Backend) {
+    let contact = ContactModel { rolling: LawChoice::named("constant-torque"), ..ContactModel::default() };
+    let mut run = Run::new(backend, world(contact.clone()));
+    let mut reference = Run::new(Backend::Reference, world(contact));
+    run.steps(200);
+    reference.steps(200);
+    let b = reference.bodies();
+    let fastest = b.iter().map(|b| norm(b.v)).fold(0.0, f64::max);
+    for (i, (a, b)) in run.bodies().iter().zip(&b).enumerate() {
+        let mut d = sub(a.x, b.x);
+        d[0] -= (d[0] / (0.98 * SIZE)).round() * 0.98 * SIZE;
+        let (x, v) = (norm(d) / 2e-3, norm(sub(a.v, b.v)) / fastest);
+        assert!(x < POSITION, "position of {i} off by {x:.2e} radii");
+        assert!(v < VELOCITY, "velocity of {i} off by {v:.2e} of the largest");
+    }
+    let (a, b) = (run.g.ledger, reference.g.ledger);
+    assert!((a.dissipated() / b.dissipated() - 1.0).abs() < 1e-3, "dissipated {a:?}, reference {b:?}");
+    let total = |run: &Run| run.bodies().iter().fold([0.0; 3], |sum, b| add(sum, b.force));
+    assert!(norm(sub(total(&run), total(&reference))) < 1e-4 * norm(total(&reference)).max(1e-2));
+}

@@ -1,0 +1,124 @@
+//! Equal runs give equal bits.
+
+use glebe_engine::backend::{Backend, Job};
+use glebe_engine::lattice::{add, norm, sub};
+use glebe_engine::prepare;
+use glebe_engine::spec::{Domain, Pose, Side, WorldSpec};
+use glebe_engine::state::State;
+use glebe_physics::{ContactModel, IntegratorKind, LawChoice};
+
+use crate::support::{Random, Run, affordable, bodies, grain, mesh, open_world, rectangle, states_are_exact};
+
+const RADIUS: f64 = 1e-3;
+
+/// `count` spheres of 0.6-1 mm tumbling over a turning blade in a box that is periodic along x.
+fn tumbling(count: u32, seed: u64) -> WorldSpec {
+    let mut w = open_world([0.0; 3], 0.1, 4e-6, grain(0.5, 0.4));
+    let (side, columns) = (0.0255, 12);
+    let sides = [[Side::Periodic; 2], [Side::Wall; 2], [Side::Wall, Side::Open]];
+    w.domain = Domain::aligned([0.0; 3], [side, side, 0.2], sides, Some(0));
+    w.contact = ContactModel { rolling: LawChoice::named("constant-torque"), ..ContactModel::default() };
+    w.gravity = [0.0, 0.0, -9.81];
+    w.time.integrator = IntegratorKind::ALL[seed as usize % 4];
+    let (vertices, triangles) = rectangle([-0.01, -0.02], [0.01, 0.02]);
+    let pose = Pose { translation: [0.5 * side, 0.5 * side, 2e-3], rotation: [1.0, 0.0, 0.0, 0.0] };
+    w.surfaces = vec![mesh(vertices, triangles, pose)];
+    w.surfaces[0].motion.rotation =
+        Some(glebe_engine::spec::Rotation { axis: [0.0, 1.0, 0.0], center: pose.translation, rate: 4.0 });
+    let mut r = Random(seed);
+    for i in 0..count {
+        let at = [i % columns, i / columns % columns, i / (columns * columns)];
+        let x = add(at.map(|k| (2.1 * f64::from(k) + 1.1) * RADIUS), r.vector(5e-5));
+        w.particles.push_moving(x, RADIUS * (0.6 + 0.4 * r.unit()), 0, r.vector(0.5), r.vector(100.0));
+    }
+    w
+}
+
+fn size(backend: Backend) -> (u32, u64) {
+    (affordable(backend, 1500, 200) as u32, affordable(backend, 500, 100))
+}
+
+fn ran(backend: Backend, seed: u64) -> State {
+    let (count, steps) = size(backend);
+    let mut run = Run::new(backend, tumbling(count, seed));
+    run.steps(steps);
+    run.state()
+}
+
+pub fn runs_repeat(backend: Backend) {
+    let state = ran(backend, 1);
+    assert!(!state.contacts.is_empty() && !state.surface_contacts.is_empty());
+    assert_eq!(state.hash(), ran(backend, 1).hash());
+    assert_ne!(state.hash(), ran(backend, 5).hash());
+}
+
+pub fn threads_change_no_bit(backend: Backend) {
+    let hash = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let state = pool.install(|| ran(backend, 2));
+        assert!(state.progress.rebuilds > 1, "lists were never rebuilt");
+        state.hash()
+    };
+    let one = hash(1);
+    assert_eq!(one, hash(2), "two threads");
+    assert_eq!(one, hash(7), "seven threads");
+}
+
+pub fn a_world_alone_equals_itself_in_a_batch(backend: Backend) {
+    let (count, steps) = size(backend);
+    let alone = ran(backend, 3).hash();
+    let specs = vec![tumbling(count / 3, 6), tumbling(count, 3), tumbling(7, 5)];
+    let mut worlds: Vec<_> = specs.into_iter().map(|s| prepare(s).unwrap()).collect();
+    let mut fleet = backend.fleet(worlds.iter_mut().map(|(c, s)| (c.clone(), s)).collect());
+    let mut progress: Vec<_> = worlds.into_iter().map(|(_, s)| s.progress).collect();
+    // The others take other numbers of steps, and the middle one takes its own in two parts.
+    for part in [[10, steps / 2, steps], [steps, steps - steps / 2, 3]] {
+        let mut jobs: Vec<_> = progress
+            .iter_mut()
+            .enumerate()
+            .map(|(world, progress)| Job { world, steps: part[world], progress, outcome: Ok(()) })
+            .collect();
+        fleet.advance(&mut jobs);
+        assert!(jobs.iter().all(|j| j.outcome.is_ok()));
+    }
+    assert_eq!(fleet.state(1, &progress[1]).hash(), alone);
+}
+
+/// Every integrator goes on from a state taken between two rebuilds as if nothing had happened.
+pub fn a_checkpoint_goes_on(backend: Backend) {
+    let (count, steps) = size(backend);
+    for seed in 0..4 {
+        let mut run = Run::new(backend, tumbling(count / 3, seed));
+        run.steps(steps / 2 + 3);
+        let bytes = run.state().to_bytes();
+        let mut resumed = Run::resume(backend, run.c.clone(), State::from_bytes(&bytes).unwrap());
+        run.steps(steps / 2);
+        resumed.steps(steps / 2);
+        let (a, b) = (run.state(), resumed.state());
+        if states_are_exact(backend) {
+            assert_eq!(a.hash(), b.hash(), "{}", IntegratorKind::ALL[seed as usize].name());
+        } else {
+            for (a, b) in bodies(&run.c, &a).iter().zip(bodies(&run.c, &b)) {
+                assert!(norm(sub(a.x, b.x)) < 1e-5 * RADIUS, "{a:?} instead of {b:?}");
+            }
+        }
+    }
+}
+
+pub fn leavers_are_listed(backend: Backend) {
+    let mut w = open_world([0.0; 3], 0.05, 1e-5, grain(0.5, 0.5));
+    for i in 0..20 {
+        let away = if i % 5 == 0 { 8.0 } else { 0.01 };
+        let x = [0.005 * f64::from(i) - 0.0475, 0.0, 0.0];
+        w.particles.push_moving(x, RADIUS, 0, [0.0, away, 0.0], [0.0; 3]);
+    }
+    let mut run = Run::new(backend, w);
+    run.steps(1000);
+    let ids: Vec<u32> = run.g.lost.iter().map(|l| l.id).collect();
+    assert_eq!(ids, [0, 5, 10, 15]);
+    assert!(run.g.lost.iter().all(|l| l.side == [1, 1] && l.position[1] >= 0.05));
+    assert_eq!(run.bodies().len(), 16);
+    let energy: f64 = run.g.ledger.removed;
+    let each = 0.5 * 64.0 * crate::support::sphere_mass(RADIUS, &grain(0.5, 0.5));
+    assert!((energy / (4.0 * each) - 1.0).abs() < 1e-5, "removed {energy:e} J");
+}

@@ -1,0 +1,192 @@
+//! Identities that every registered law of a slot keeps.
+
+use std::f64::consts::TAU;
+
+use glebe_engine::backend::Backend;
+use glebe_engine::lattice::{add, cross, dot, norm, scale, sub};
+use glebe_engine::spec::{Vec3, WorldSpec};
+use glebe_physics::{ContactModel, LawChoice, Slot, laws};
+
+use crate::support::{
+    Run, assert_near, choice, each_law, grain, has_spring, label, open_world, plane, turned, unit,
+};
+
+/// Relative error of the first step's stretch.
+const BIRTH: f64 = 1e-3;
+/// Relative error of a force against the finite difference of energies.
+const SLOPE: f64 = 1e-4;
+/// Most energy that may come from nowhere in a step, as a share of the kinetic energy.
+const GAIN: f64 = 1e-6;
+/// Relative error of the size of the tangential force of a contact turned rigidly once around, and of the force
+/// as a vector: projecting the spring turns it by half the square of the step's angle, 2π/1000 here.
+const TURN: f64 = 1e-4;
+const TURN_VECTOR: f64 = 5e-3;
+
+const RADIUS: f64 = 2e-3;
+
+/// A sphere above a plane, and beside it another above a third, all thrown obliquely.
+fn impacts(contact: ContactModel, e: f64) -> WorldSpec {
+    let mut w = open_world([0.0; 3], 0.1, 2e-6, grain(e, 0.4));
+    w.contact = contact;
+    w.gravity = [0.0, 0.0, -9.81];
+    let top = [0.02, 0.0, 1.999 * RADIUS + RADIUS];
+    w.particles.push_moving([0.0, 0.0, 1.01 * RADIUS], RADIUS, 0, [0.1, 0.03, -0.05], [5.0, 20.0, 9.0]);
+    w.particles.push([0.02, 0.0, 0.999 * RADIUS], RADIUS, 0);
+    w.particles.push_moving(add(top, [0.0, 0.0, 0.02 * RADIUS]), RADIUS, 0, [0.05, 0.02, -0.05], [9.0, -20.0, 4.0]);
+    w.surfaces = vec![plane([0.0, 0.0, 1.0], [0.0; 3])];
+    w
+}
+
+/// Speed of two bodies' surfaces past each other.
+fn sliding_speed(v: [Vec3; 2], w: [Vec3; 2], n: Vec3, arm: [f64; 2]) -> f64 {
+    let turning = cross(add(scale(w[0], arm[0]), scale(w[1], arm[1])), n);
+    let u = add(sub(v[0], v[1]), turning);
+    norm(sub(u, scale(n, dot(u, n))))
+}
+
+pub fn a_contact_is_born_without_memory(backend: Backend) {
+    for contact in each_law().into_iter().filter(has_spring) {
+        let name = label(&contact);
+        let mut run = Run::new(backend, impacts(contact, 1.0));
+        let (mut on_floor, mut on_sphere, mut born) = (false, false, [0, 0]);
+        for _ in 0..12_000 {
+            let before = run.bodies();
+            run.steps(1);
+            let state = run.state();
+            let floor = state.surface_contacts.iter().find(|m| m.id == 0);
+            let sphere = state.contacts.iter().find(|m| m.id == [1, 2]);
+            let stretch = |h: &[f32]| norm([h[0], h[1], h[2]].map(f64::from));
+            if let Some(m) = floor.filter(|_| !on_floor) {
+                let b = before[0];
+                let speed = sliding_speed([b.v, [0.0; 3]], [b.w, [0.0; 3]], [0.0, 0.0, -1.0], [b.x[2], 0.0]);
+                let most = speed * run.c.dt;
+                assert!(stretch(&m.history) <= most * (1.0 + BIRTH), "{name}: {:?}, not {most:e}", m.history);
+                born[0] += 1;
+            }
+            if let Some(m) = sphere.filter(|_| !on_sphere) {
+                let (a, b) = (before[1], before[2]);
+                let d = sub(b.x, a.x);
+                let speed = sliding_speed([a.v, b.v], [a.w, b.w], unit(d), [0.5 * norm(d); 2]);
+                let most = speed * run.c.dt;
+                assert!(stretch(&m.history) <= most * (1.0 + BIRTH), "{name}: {:?}, not {most:e}", m.history);
+                born[1] += 1;
+            }
+            (on_floor, on_sphere) = (floor.is_some(), sphere.is_some());
+        }
+        assert!(born[0] >= 2 && born[1] >= 1, "{name}: {born:?} contacts were born");
+    }
+}
+
+pub fn force_is_the_slope_of_energy(backend: Backend) {
+    for normal in laws(Slot::Normal) {
+        for cohesion in laws(Slot::Cohesion) {
+            for overlap in [1e-3, 1e-2, 0.1] {
+                let contact = ContactModel {
+                    normal: choice(normal),
+                    cohesion: choice(cohesion),
+                    tangential: LawChoice::named("none"),
+                    ..ContactModel::default()
+                };
+                let name = format!("{} at δ = {overlap} R", label(&contact));
+                // Energy and force of the pair and of the sphere on the plane, one at a time.
+                let look = |overlap: f64, pair: bool| {
+                    let mut w = open_world([0.0; 3], 0.1, 1e-9, grain(1.0, 0.0));
+                    w.contact = contact.clone();
+                    let toward = unit([0.3, -0.5, 0.8]);
+                    let distance = if pair { 2.0 * RADIUS } else { RADIUS } - overlap;
+                    w.particles.push(scale(toward, distance), RADIUS, 0);
+                    if pair {
+                        w.particles.push([0.0; 3], RADIUS, 0);
+                    } else {
+                        w.surfaces = vec![plane(toward, [0.0; 3])];
+                    }
+                    let mut run = Run::new(backend, w);
+                    let energy = run.moment().elastic_normal;
+                    run.steps(1);
+                    (energy, dot(run.bodies()[0].force, toward))
+                };
+                for pair in [true, false] {
+                    let (delta, h) = (overlap * RADIUS, 0.01 * overlap * RADIUS);
+                    let slope = (look(delta + h, pair).0 - look(delta - h, pair).0) / (2.0 * h);
+                    let force = look(delta, pair).1;
+                    // Spring and cohesion may nearly cancel.
+                    let attraction: f64 = contact.cohesion.parameters.iter().map(|p| p.1).sum();
+                    let error = (force - slope).abs() / (force.abs() + attraction);
+                    assert!(error < SLOPE, "{name}: force {force:e}, slope {slope:e}, pair: {pair}");
+                }
+            }
+        }
+    }
+}
+
+pub fn dissipation_is_not_negative(backend: Backend) {
+    for contact in each_law() {
+        let name = label(&contact);
+        let mut run = Run::new(backend, impacts(contact, 0.3));
+        let energy = run.moment().kinetic();
+        let mut before = run.g.ledger;
+        for step in 0..4_000 {
+            run.steps(1);
+            let now = run.g.ledger;
+            let rows = [
+                ("friction", now.friction - before.friction),
+                ("dashpots", now.dashpots - before.dashpots),
+                ("rolling", now.rolling - before.rolling),
+            ];
+            for (row, lost) in rows {
+                assert!(lost >= -GAIN * energy, "{name}: {row} gave {:.2e} in step {step}", -lost / energy);
+            }
+            before = now;
+        }
+        assert!(before.dissipated() > 0.1 * energy, "{name}: {before:?}");
+    }
+}
+
+/// Two touching spheres, their spring stretched, turned once around as one rigid body about three axes:
+/// across the contact, along it (twist), and neither.
+pub fn a_contact_that_turns_keeps_its_force(backend: Backend) {
+    const STEPS: u64 = 1000;
+    let (dt, overlap) = (1e-6, 1e-2 * RADIUS);
+    let rate = TAU / (STEPS as f64 * dt);
+    for contact in each_law().into_iter().filter(has_spring) {
+        for axis in [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], unit([0.5, 0.3, 0.9])] {
+            let name = format!("{} about {axis:?}", label(&contact));
+            let mut w = open_world([0.0; 3], 0.1, dt, grain(0.5, 100.0));
+            w.contact = contact.clone();
+            let arm = RADIUS - 0.5 * overlap;
+            w.particles.push([-arm, 0.0, 0.0], RADIUS, 0);
+            w.particles.push([arm, 0.0, 0.0], RADIUS, 0);
+            let mut run = Run::new(backend, w);
+            run.steps(1);
+            run.edit(|_, state| {
+                state.contacts[0].history[..4].copy_from_slice(&[0.0, 1e-6, 5e-7, 0.0]);
+            });
+            let mut first = [0.0; 3];
+            for step in 0..=STEPS {
+                let angle = TAU * step as f64 / STEPS as f64;
+                let x = turned([arm, 0.0, 0.0], axis, angle);
+                let v = scale(cross(axis, x), rate);
+                run.edit(|c, state| {
+                    let p = &mut state.particles;
+                    for i in 0..2 {
+                        let sign = if p.id[i] == 0 { -1.0 } else { 1.0 };
+                        let e = c.lattice.encode(scale(x, sign));
+                        (p.hi[i], p.place[i].lo, p.rest[i]) = (e.hi, e.lo, e.rest);
+                        p.velocity[i].v = scale(v, sign).map(|x| x as f32);
+                        p.spin[i].w = scale(axis, rate).map(|x| x as f32);
+                    }
+                });
+                run.steps(1);
+                let n = unit(x);
+                let force = run.bodies()[0].force;
+                let tangential = sub(force, scale(n, dot(force, n)));
+                if step == 0 {
+                    first = tangential;
+                    assert!(norm(first) > 1e-4, "{name}: no force to keep");
+                }
+                assert_near(&name, tangential, turned(first, axis, angle), TURN_VECTOR * norm(first));
+                assert_near(&name, [norm(tangential), 0.0, 0.0], [norm(first), 0.0, 0.0], TURN * norm(first));
+            }
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! What every backend must do: suites written once and run on each.
+//!
+//! A new backend is one line at the end of this file; a new law is covered by the suites that go through the
+//! registry. Each suite states its bounds at its top.
+
+// Clippy's permission for tests does not reach their helpers.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+mod agreement;
+mod bits;
+mod conservation;
+mod convergence;
+mod energy;
+mod floor;
+mod frames;
+mod friction;
+mod laws;
+mod precision;
+mod restitution;
+mod support;
+
+use glebe_engine::backend::Backend;
+
+macro_rules! tests {
+    ($backend:expr; $($file:ident::$test:ident),* $(,)?) => {
+        $(
+            #[test]
+            fn $test() {
+                crate::$file::$test($backend);
+            }
+        )*
+    };
+}
+
+/// The physics that any backend has to get right.
+macro_rules! backend_suite {
+    ($module:ident, $backend:expr) => {
+        mod $module {
+            use super::Backend;
+            tests! { $backend;
+                conservation::momentum_of_an_isolated_cloud,
+                frames::a_boost_changes_nothing,
+                frames::a_rotation_changes_nothing,
+                frames::a_translation_changes_nothing,
+                laws::a_contact_is_born_without_memory,
+                laws::force_is_the_slope_of_energy,
+                laws::dissipation_is_not_negative,
+                laws::a_contact_that_turns_keeps_its_force,
+                restitution::restitution_equals_e,
+                friction::total_force_stays_below_the_cap,
+                friction::a_sphere_slides_until_it_rolls,
+                friction::a_block_slides_and_sticks,
+                floor::any_triangulation_is_one_plane,
+                floor::a_floor_of_one_period_is_a_plane,
+                floor::a_convex_edge_acts_once,
+                floor::concave_corners_act_on_each_side,
+                convergence::orders_of_the_integrators,
+                precision::creep_is_not_lost,
+                precision::resting_overlap,
+                energy::the_ledger_closes,
+                energy::surfaces_account_for_momentum_and_work,
+                bits::runs_repeat,
+                bits::a_world_alone_equals_itself_in_a_batch,
+                bits::a_checkpoint_goes_on,
+                bits::leavers_are_listed,
+            }
+        }
+    };
+}
+
+/// What a backend has to have in common with the reference, and the bits that its threads may not change.
+macro_rules! agreement_suite {
+    ($module:ident, $backend:expr) => {
+        mod $module {
+            use super::Backend;
+            tests! { $backend;
+                agreement::one_step_forces_equal_the_reference,
+                agreement::short_trajectories_equal_the_reference,
+                precision::stress_of_a_packing_at_50_pa,
+                bits::threads_change_no_bit,
+            }
+        }
+    };
+}
+
+backend_suite!(cpu, Backend::Cpu);
+backend_suite!(reference, Backend::Reference);
+agreement_suite!(cpu_against_reference, Backend::Cpu);

@@ -1,0 +1,266 @@
+//! Worlds for the suites, and ways to run and read them.
+
+use std::sync::Arc;
+
+use glebe_engine::backend::{Backend, Detail, Fleet, Job, Moment};
+use glebe_engine::lattice::{add, cross, dot, norm, scale, sub};
+use glebe_engine::spec::{
+    Domain, Motion, Pose, Shape, Side, Stage, Step, Surface, Time, TriMesh, Vec3, WorldSpec,
+};
+use glebe_engine::state::{Progress, State};
+use glebe_engine::{Constants, Failure, prepare};
+use glebe_physics::{ContactModel, IntegratorKind, LawChoice, LawInfo, Laws, Material, Slot, laws};
+
+/// Whether the backend's states hold everything that it goes on from, so that a checkpoint changes no bit.
+pub fn states_are_exact(backend: Backend) -> bool {
+    backend != Backend::Reference
+}
+
+/// `many` steps, or `few` on the reference, whose steps are slow.
+pub fn affordable(backend: Backend, many: u64, few: u64) -> u64 {
+    if backend == Backend::Reference { few } else { many }
+}
+
+/// Grains: 2500 kg/m³, E = 10 MPa, ν = 0.3.
+pub fn grain(restitution: f64, friction: f64) -> Material {
+    Material {
+        name: "grain".to_owned(),
+        density: 2500.0,
+        youngs_modulus: 1e7,
+        poissons_ratio: 0.3,
+        restitution,
+        friction,
+        static_friction: friction,
+        rolling_friction: 0.05,
+    }
+}
+
+/// An empty open cube around `center` with a half side of `half` \[m\], one endless stage and one material.
+pub fn open_world(center: Vec3, half: f64, dt: f64, material: Material) -> WorldSpec {
+    let h = [half; 3];
+    let domain = Domain::aligned(sub(center, h), add(center, h), [[Side::Open; 2]; 3], Some(0));
+    let time = Time { step: Step::Fixed(dt), integrator: IntegratorKind::Euler, force: true };
+    let mut w = WorldSpec::new(domain, time);
+    w.materials = vec![material];
+    w.stages = vec![Stage { name: "run".to_owned(), ..Stage::default() }];
+    w.guards.overlap_stops = false;
+    w
+}
+
+pub fn plane(normal: Vec3, point: Vec3) -> Surface {
+    surface(Shape::Plane { normal }, Pose { translation: point, ..Pose::default() })
+}
+
+pub fn mesh(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>, pose: Pose) -> Surface {
+    surface(Shape::Mesh(Arc::new(TriMesh { vertices, triangles })), pose)
+}
+
+fn surface(shape: Shape, pose: Pose) -> Surface {
+    Surface { name: "surface".to_owned(), material: 0, shape, pose, motion: Motion::default(), absent: false }
+}
+
+/// A rectangle in the plane z = 0 of two triangles.
+pub fn rectangle(min: [f64; 2], max: [f64; 2]) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+    let ([a, b], [c, d]) = (min, max);
+    (vec![[a, b, 0.0], [c, b, 0.0], [c, d, 0.0], [a, d, 0.0]], vec![[0, 1, 2], [0, 2, 3]])
+}
+
+/// The law of `info` with sensible values for the parameters that it requires.
+pub fn choice(info: &LawInfo) -> LawChoice {
+    info.parameters.iter().filter(|p| p.required).fold(LawChoice::named(info.name), |c, p| {
+        let value = match p.unit {
+            "N/m" => 1e4,
+            "N" => 1e-3,
+            _ => p.min.max(1.0),
+        };
+        c.with(p.name, value)
+    })
+}
+
+/// Contact models with every registered law at least once, the other slots at rolling default.
+pub fn each_law() -> Vec<ContactModel> {
+    let base = ContactModel { rolling: LawChoice::named("constant-torque"), ..ContactModel::default() };
+    let mut models = Vec::new();
+    for slot in Slot::ALL {
+        for info in laws(slot) {
+            let mut m = base.clone();
+            *slot_of(&mut m, slot) = choice(info);
+            models.push(m);
+        }
+    }
+    models
+}
+
+/// Every combination of registered laws.
+pub fn all_combinations() -> Vec<ContactModel> {
+    let mut models = vec![ContactModel::default()];
+    for slot in Slot::ALL {
+        models = models
+            .iter()
+            .flat_map(|m| {
+                laws(slot).iter().map(|info| {
+                    let mut m = m.clone();
+                    *slot_of(&mut m, slot) = choice(info);
+                    m
+                })
+            })
+            .collect();
+    }
+    models
+}
+
+fn slot_of(m: &mut ContactModel, slot: Slot) -> &mut LawChoice {
+    match slot {
+        Slot::Normal => &mut m.normal,
+        Slot::Tangential => &mut m.tangential,
+        Slot::Rolling => &mut m.rolling,
+        Slot::Cohesion => &mut m.cohesion,
+    }
+}
+
+/// The laws' names, for messages.
+pub fn label(m: &ContactModel) -> String {
+    format!("{}/{}/{}/{}", m.normal.law, m.tangential.law, m.rolling.law, m.cohesion.law)
+}
+
+/// Whether the remembered floats of `m` start with the tangential spring.
+pub fn has_spring(m: &ContactModel) -> bool {
+    Laws::resolve(m).unwrap().history().len() >= 4
+}
+
+/// Numbers in [0, 1) that are the same everywhere (splitmix64).
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / 2_f64.powi(53)
+    }
+
+    /// A vector in the cube [-size, size]³.
+    pub fn vector(&mut self, size: f64) -> Vec3 {
+        [0; 3].map(|_| size * (2.0 * self.unit() - 1.0))
+    }
+}
+
+/// A particle as a state tells it.
+#[derive(Clone, Copy, Debug)]
+pub struct Body {
+    pub x: Vec3,
+    pub v: Vec3,
+    pub w: Vec3,
+    pub mass: f64,
+    pub radius: f64,
+    /// Of the last step's contacts.
+    pub force: Vec3,
+    pub torque: Vec3,
+}
+
+/// A world that runs.
+pub struct Run {
+    pub c: Arc<Constants>,
+    pub g: Progress,
+    fleet: Box<dyn Fleet>,
+}
+
+impl Run {
+    pub fn new(backend: Backend, spec: WorldSpec) -> Self {
+        let (c, state) = prepare(spec).unwrap();
+        Self::resume(backend, c, state)
+    }
+
+    pub fn resume(backend: Backend, c: Arc<Constants>, mut state: State) -> Self {
+        let fleet = backend.fleet(vec![(c.clone(), &mut state)]);
+        Self { c, g: state.progress, fleet }
+    }
+
+    pub fn steps(&mut self, n: u64) -> &mut Self {
+        self.try_steps(n).unwrap();
+        self
+    }
+
+    pub fn try_steps(&mut self, n: u64) -> Result<(), Failure> {
+        let mut job = [Job { world: 0, steps: n, progress: &mut self.g, outcome: Ok(()) }];
+        self.fleet.advance(&mut job);
+        let [job] = job;
+        job.outcome
+    }
+
+    pub fn state(&self) -> State {
+        self.fleet.state(0, &self.g)
+    }
+
+    /// Replaces the state by an edited copy of it.
+    pub fn edit(&mut self, change: impl FnOnce(&Constants, &mut State)) {
+        let mut state = self.state();
+        change(&self.c, &mut state);
+        state.progress.stale = true;
+        self.fleet.load(0, &mut state);
+        self.g = state.progress;
+    }
+
+    pub fn moment(&mut self) -> Moment {
+        self.fleet.observe(0, &self.g)
+    }
+
+    pub fn detail(&mut self) -> Detail {
+        self.fleet.detail(0, &self.g)
+    }
+
+    /// The particles by their numbers.
+    pub fn bodies(&self) -> Vec<Body> {
+        bodies(&self.c, &self.state())
+    }
+}
+
+pub fn bodies(c: &Constants, state: &State) -> Vec<Body> {
+    let p = &state.particles;
+    let mut order: Vec<usize> = (0..p.len()).collect();
+    order.sort_unstable_by_key(|&i| p.id[i]);
+    order
+        .into_iter()
+        .map(|i| {
+            let mass = 1.0 / f64::from(p.velocity[i].inv_mass);
+            let radius = f64::from(p.place[i].radius);
+            Body {
+                x: c.lattice.decode(p.hi[i], p.place[i].lo, p.rest[i]),
+                v: p.velocity[i].v.map(f64::from),
+                w: p.spin[i].w.map(f64::from),
+                mass,
+                radius,
+                force: p.force[i].map(f64::from),
+                torque: p.angular[i].map(|x| 0.4 * mass * radius * radius * f64::from(x)),
+            }
+        })
+        .collect()
+}
+
+/// `x` turned by `angle` \[rad\] about the unit vector `axis` (Rodrigues).
+pub fn turned(x: Vec3, axis: Vec3, angle: f64) -> Vec3 {
+    let (s, c) = angle.sin_cos();
+    let along = scale(axis, dot(axis, x) * (1.0 - c));
+    add(add(scale(x, c), scale(cross(axis, x), s)), along)
+}
+
+pub fn unit(x: Vec3) -> Vec3 {
+    scale(x, 1.0 / norm(x))
+}
+
+/// Asserts `|a - b| ≤ bound`.
+pub fn assert_near(what: &str, a: Vec3, b: Vec3, bound: f64) {
+    let error = norm(sub(a, b));
+    assert!(error <= bound, "{what}: {a:?} instead of {b:?}, off by {error:.3e}, more than {bound:.3e}");
+}
+
+/// Mass of a sphere of the material \[kg\].
+pub fn sphere_mass(radius: f64, m: &Material) -> f64 {
+    4.0 / 3.0 * std::f64::consts::PI * radius.powi(3) * m.density
+}
+
+/// E* of two bodies of one material \[Pa\].
+pub fn e_star(m: &Material) -> f64 {
+    0.5 * m.youngs_modulus / (1.0 - m.poissons_ratio * m.poissons_ratio)
+}

@@ -1,0 +1,146 @@
+//! `glebe check`: everything about a scene that can be known without running it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glebe_engine::spec::Until;
+use glebe_engine::state::State;
+use glebe_engine::{Constants, prepare};
+use glebe_io::scene::{BuiltScene, Scene};
+use serde_json::json;
+
+use super::{Ended, Problem, Ui};
+
+/// Rate that run times are estimated with \[particle-steps/s per core\]: a settled bed with friction and
+/// energy ledger. Machines differ by a factor of two either way.
+const RATE: f64 = 4e6;
+/// Memory of a particle in a dense bed: state, lists, contact history \[bytes\].
+const BYTES: f64 = 700.0;
+
+/// Checks a scene without running it: all errors at once, counts, memory, run time
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  glebe check field/scene.toml
+  glebe check field/scene.toml --set material.soil.density=2000
+  glebe check field/scene.toml --json")]
+pub(super) struct Args {
+    #[command(flatten)]
+    pub scene: SceneArgs,
+}
+
+/// The scene, for every verb that reads one.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct SceneArgs {
+    /// The scene file
+    pub scene: PathBuf,
+    /// Replaces a value of the scene: keys joined by dots, stages by their name
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    pub sets: Vec<String>,
+}
+
+impl SceneArgs {
+    /// Reads and builds the scene, and says what was found.
+    pub(super) fn build(&self, ui: &Ui) -> Result<(Scene, BuiltScene), Problem> {
+        let scene = Scene::load(&self.scene, &self.sets).map_err(Problem::Scene)?;
+        let built = scene.build(self.folder()).map_err(Problem::Scene)?;
+        ui.scene(&built.warnings);
+        for mesh in &built.meshes {
+            let span = |k: usize| format!("{:.4} … {:.4}", mesh.min[k], mesh.max[k]);
+            let report = mesh.report.to_string().replace('\n', "; ");
+            let placed = format!("placed at x {}, y {}, z {} m", span(0), span(1), span(2));
+            ui.note(&format!("geometry `{}`: {report}; {placed}", mesh.name));
+        }
+        built.notes.iter().for_each(|line| ui.note(line));
+        Ok((scene, built))
+    }
+
+    /// The folder that the scene's files are relative to.
+    pub(super) fn folder(&self) -> &Path {
+        match self.scene.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder,
+            _ => Path::new("."),
+        }
+    }
+}
+
+/// Has the engine look at the world as well; its refusals point into the scene.
+pub(super) fn prepared(built: &BuiltScene) -> Result<(Arc<Constants>, State), Problem> {
+    prepare(built.world.clone()).map_err(|e| Problem::Scene(vec![built.locate(&e)]))
+}
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
+    let (_, built) = args.scene.build(ui)?;
+    let (constants, _) = prepared(&built)?;
+    constants.warnings.iter().for_each(|w| ui.warn(w));
+    let particles = constants.count;
+    let triangles: usize = built.meshes.iter().map(|m| m.report.triangles).sum();
+    let stages = &constants.spec.stages;
+    let longest = |u: &Until| if u.at_most.is_none() && u.kinetic_energy_below.is_some() { None } else { Some(u.at_most.unwrap_or(0.0)) };
+    let time: Option<f64> = stages.iter().map(|s| longest(&s.until)).sum();
+    let steps = time.map(|t| (t / constants.dt).ceil());
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let seconds = steps.map(|s| s * particles as f64 / (RATE * cores as f64));
+    let bytes = BYTES * particles as f64;
+    let limits = constants.limits;
+    let warnings: Vec<serde_json::Value> = built
+        .warnings
+        .iter()
+        .map(|w| json!(w))
+        .chain(constants.warnings.iter().map(|w| json!({ "severity": "warning", "message": w })))
+        .collect();
+    let value = json!({
+        "status": "ok",
+        "particles": particles,
+        "surfaces": constants.boundaries.len(),
+        "triangles": triangles,
+        "stages": stages.iter().map(|s| &s.name).collect::<Vec<_>>(),
+        "step_s": constants.dt,
+        "stable_step_s": finite(limits.rayleigh),
+        "collision_s": finite(limits.collision),
+        "most_time_s": time,
+        "most_steps": steps,
+        "memory_bytes": bytes,
+        "devices": [{ "name": "cpu", "threads": cores, "most_wall_s": seconds }],
+        "warnings": warnings,
+    });
+    let unknown = "not known: a stage waits for its energy without at_most";
+    let text = format!(
+        "{} is fine.\n\
+         particles  {particles}\n\
+         surfaces   {} with {triangles} triangles, domain sides included\n\
+         stages     {}\n\
+         step       {:.3e} s ({:.0} % of the Rayleigh time, 1/{:.0} of the shortest impact)\n\
+         length     {}\n\
+         memory     about {:.0} MB\n\
+         run time   {} on the CPU with {cores} threads",
+        args.scene.scene.display(),
+        constants.boundaries.len(),
+        stages.iter().map(|s| s.name.as_str()).collect::<Vec<_>>().join(", "),
+        constants.dt,
+        100.0 * constants.dt / limits.rayleigh,
+        limits.collision / constants.dt,
+        match (time, steps) {
+            (Some(t), Some(n)) => format!("at most {t} s, {n:.2e} steps"),
+            _ => unknown.to_owned(),
+        },
+        (bytes / 1e6).max(1.0),
+        seconds.map_or(unknown.to_owned(), |s| format!("at most about {}", duration(s))),
+    );
+    ui.result(&value, &text);
+    Ok(Ended::Done)
+}
+
+fn finite(x: f64) -> Option<f64> {
+    x.is_finite().then_some(x)
+}
+
+/// `1 h 20 min`, `3 min 5 s`, `12 s`
+pub(super) fn duration(seconds: f64) -> String {
+    let s = seconds.round().max(0.0) as u64;
+    match s {
+        0..60 => format!("{s} s"),
+        60..3600 => format!("{} min {} s", s / 60, s % 60),
+        _ => format!("{} h {} min", s / 3600, s % 3600 / 60),
+    }
+}

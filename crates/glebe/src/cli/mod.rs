@@ -1,0 +1,95 @@
+//! The command `glebe`: verbs, messages, exit codes.
+//!
+//! A verb is a module with `Args` (which hold its help) and `fn run(Args, &Ui) -> Result<Ended, Problem>`.
+
+mod bar;
+mod check;
+mod devices;
+mod new;
+mod run;
+mod ui;
+
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser, Subcommand};
+
+pub use ui::{Ended, Problem, Ui};
+
+/// Simulates granular matter with the Discrete Element Method: soil under tools, drums, silos.
+#[derive(Debug, Parser)]
+#[command(name = "glebe", version, propagate_version = true, after_help = EXAMPLES)]
+struct Cli {
+    /// Prints errors and results as JSON on standard output
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  glebe new field --quick              a small tillage scene in the folder `field`
+  glebe run field/scene.toml           runs it; results go to `field/out`
+  glebe run field/scene.toml --resume  goes on after an interruption
+
+Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 interrupted (--resume continues).";
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    New(new::Args),
+    Check(check::Args),
+    Run(run::Args),
+    Devices(devices::Args),
+    /// Prints the JSON Schema of scene files, for editors
+    #[command(after_help = "\
+Example:
+  glebe schema > scene.schema.json     then put `#:schema scene.schema.json` at the top of scene.toml")]
+    Schema,
+    /// Prints completions for a shell
+    #[command(after_help = "\
+Examples:
+  glebe completions bash > ~/.local/share/bash-completion/completions/glebe
+  glebe completions zsh > ~/.zfunc/_glebe")]
+    Completions {
+        /// The shell
+        shell: clap_complete::Shell,
+    },
+}
+
+/// Runs the program.
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return usage(&error),
+    };
+    let ui = Ui::new(cli.json);
+    let ended = match cli.verb {
+        Verb::New(args) => new::run(&args, &ui),
+        Verb::Check(args) => check::run(&args, &ui),
+        Verb::Run(args) => run::run(&args, &ui),
+        Verb::Devices(args) => devices::run(&args, &ui),
+        Verb::Schema => {
+            ui.print(&format!("{:#}", glebe_io::scene::schema()));
+            Ok(Ended::Done)
+        }
+        Verb::Completions { shell } => {
+            let mut text = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "glebe", &mut text);
+            ui.print(&String::from_utf8_lossy(&text));
+            Ok(Ended::Done)
+        }
+    };
+    ui.end(ended)
+}
+
+/// Help, the version, or a command line that makes no sense (exit code 2).
+fn usage(error: &clap::Error) -> ExitCode {
+    if error.use_stderr() && std::env::args().any(|a| a == "--json") {
+        let text = error.to_string();
+        let text = text.trim().trim_start_matches("error: ");
+        return Ui::new(true).end(Err(Problem::Input(text.to_owned())));
+    }
+    // A closed pipe is nobody to tell.
+    let _ = error.print();
+    ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
+}

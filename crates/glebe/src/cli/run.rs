@@ -1,0 +1,149 @@
+//! `glebe run`: a scene from beginning to end.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use glebe_io::output::summary::{Status, Summary};
+use serde_json::json;
+
+use super::bar::{Watch, catch_interrupts, interrupted};
+use super::check::{SceneArgs, duration, prepared};
+use super::devices::Device;
+use super::{Ended, Problem, Ui};
+use crate::run::{Existing, Settings, default_bed_folder};
+
+/// Runs a scene and writes its results into a folder
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  glebe run field/scene.toml
+  glebe run field/scene.toml --out fast --set stage.till.move.sweep.velocity=[1.5,0,0]
+  glebe run field/scene.toml --resume           after Ctrl-C, a crash or a full disk
+  glebe run field/scene.toml --force --profile  again, with the share of time per phase")]
+pub(super) struct Args {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Output folder [default: `out` beside the scene]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Where to compute: auto, cpu or gpu
+    #[arg(long, default_value = "auto")]
+    device: Device,
+    /// Threads to use [default: all]; results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    threads: Option<u16>,
+    /// Continues from the last good checkpoint in the output folder, to the same bits
+    #[arg(long, conflicts_with = "force")]
+    resume: bool,
+    /// Replaces the results of an earlier run
+    #[arg(long)]
+    force: bool,
+    /// Neither takes nor keeps settled beds
+    #[arg(long)]
+    no_cache: bool,
+    /// Wall time between checkpoints [s]
+    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
+    checkpoint_every: u64,
+    /// Prints the share of time per phase
+    #[arg(long)]
+    profile: bool,
+    /// Prints errors and warnings only
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
+    catch_interrupts().map_err(Problem::Failed)?;
+    if let Some(threads) = args.threads {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(usize::from(threads))
+            .build_global()
+            .map_err(|e| Problem::Failed(format!("{threads} threads cannot be started: {e}")))?;
+    }
+    let (scene, built) = args.scene.build(ui)?;
+    args.device.choose(ui)?;
+    // Its errors point into the scene, which those of the run itself cannot.
+    prepared(&built)?;
+    let out = args.out.clone().unwrap_or_else(|| args.scene.folder().join("out"));
+    if interrupted() {
+        ui.note("interrupted before the first step; nothing was written");
+        return Ok(Ended::Interrupted);
+    }
+    let settings = Settings {
+        existing: match (args.resume, args.force) {
+            (true, _) => Existing::Resume,
+            (_, true) => Existing::Replace,
+            _ => Existing::Refuse,
+        },
+        beds: default_bed_folder().filter(|_| !args.no_cache),
+        checkpoint_every: Duration::from_secs(args.checkpoint_every),
+        checkpoint_time: scene.checkpoint,
+        ..Settings::new(&out)
+    };
+    let mut watch = Watch::new(ui, args.quiet);
+    let summary = crate::run::run(built.world.clone(), &settings, &mut watch)?;
+    drop(watch);
+
+    if args.profile {
+        ui.note(profile(&summary).trim_end());
+    }
+    let resume = format!("glebe run {} --out {} --resume", args.scene.scene.display(), out.display());
+    match summary.status {
+        Status::Done => {
+            let mut value = json!(summary);
+            value["out"] = json!(out);
+            ui.result(&value, if args.quiet { String::new() } else { told(&summary, &out) }.as_str());
+            Ok(Ended::Done)
+        }
+        Status::Interrupted => {
+            let mut value = json!(summary);
+            value["resume"] = json!(resume);
+            ui.result(&value, "");
+            ui.note(&format!("interrupted; the state is kept. To go on: {resume}{}", repeat(&args.scene.sets)));
+            Ok(Ended::Interrupted)
+        }
+        _ => Err(Problem::Failed(format!(
+            "{}\nThe series, frames and checkpoints up to here are in {}",
+            summary.reason.as_deref().unwrap_or("the run failed"),
+            out.display(),
+        ))),
+    }
+}
+
+/// The `--set` arguments again: a run can only be resumed with them.
+fn repeat(sets: &[String]) -> String {
+    sets.iter().map(|set| format!(" --set '{set}'")).collect()
+}
+
+fn told(s: &Summary, out: &std::path::Path) -> String {
+    let p = &s.performance;
+    let mut text = format!(
+        "{} particles, {} lost; {} steps in {} ({:.2} M particle-steps/s on {})\n",
+        s.particles.count,
+        s.particles.lost.len(),
+        p.steps,
+        duration(p.wall_s),
+        p.particle_steps_per_second / 1e6,
+        s.device
+    );
+    for stage in &s.stages {
+        for (name, m) in &stage.measures {
+            text += &format!("{} {name}: {:.5} ± {:.3}\n", stage.name, m.mean, m.std);
+        }
+    }
+    text + &format!("state {}\nresults in {}", s.state_hash, out.display())
+}
+
+/// Wall time by phase. Phases of one step run one after the other, so they add up; what is left is
+/// sampling.
+fn profile(s: &Summary) -> String {
+    let p = &s.performance;
+    let mut rows: Vec<(&str, f64)> = p.phases.iter().map(|(name, s)| (name.as_str(), *s)).collect();
+    let rest = p.wall_s - rows.iter().map(|(_, s)| s).sum::<f64>();
+    rows.push(("sampling and other", rest.max(0.0)));
+    rows.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let line = |(name, seconds): &(&str, f64)| {
+        format!("{name:<20} {seconds:>9.2} s {:>6.1} %\n", 100.0 * seconds / p.wall_s)
+    };
+    rows.iter().map(line).collect()
+}

@@ -1,0 +1,46 @@
+//! Digests of what a run depends on.
+
+use std::fmt::{self, Debug, Write as _};
+
+use glebe_engine::Constants;
+use glebe_engine::state::State;
+use sha2::{Digest as _, Sha256};
+
+/// Takes in anything that prints itself. Rust prints floats with as many digits as tell them apart, so
+/// equal digests mean equal bits (but for the payload of a NaN, which no checked specification has).
+#[derive(Default)]
+pub(super) struct Digest(Sha256);
+
+impl Digest {
+    pub(super) fn debug(mut self, value: &impl Debug) -> Self {
+        // Our `write_str` does not fail.
+        let _ = write!(self, "{value:?};");
+        self
+    }
+
+    pub(super) fn bytes(mut self, bytes: &[u8]) -> Self {
+        self.0.update(bytes);
+        self
+    }
+
+    pub(super) fn finish(self) -> String {
+        hex(&self.0.finalize())
+    }
+}
+
+impl fmt::Write for Digest {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        self.0.update(text);
+        Ok(())
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// The digest of a prepared world: equal for scenes that are the same in effect, whatever their files look
+/// like, and including the contents of all files that they name.
+pub(super) fn scene_hash(constants: &Constants, fresh: &State) -> String {
+    Digest::default().debug(&constants.spec).debug(&constants.dt).debug(&fresh.hash()).finish()
+}

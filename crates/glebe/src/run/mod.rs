@@ -1,0 +1,414 @@
+//! One simulation from a specification to an output folder: series, frames, checkpoints, plots, summary.
+
+mod beds;
+mod digest;
+mod plots;
+mod recorder;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use glebe_engine::backend::Backend;
+use glebe_engine::batch::{Batch, Status};
+use glebe_engine::spec::WorldSpec;
+use glebe_engine::state::{Progress, StageResult, State};
+use glebe_engine::{BytesError, Constants, SetupError, prepare};
+use glebe_io::checkpoint::{self, CheckpointError, CheckpointWriter, Header};
+use glebe_io::output::summary::{self, Summary};
+use glebe_io::output::{OutputDir, OutputError};
+
+pub use beds::default_folder as default_bed_folder;
+
+use self::beds::Bed;
+use self::plots::Furrows;
+use self::recorder::Recorder;
+
+/// How a run is to be done.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// The output folder.
+    pub out: PathBuf,
+    /// What is done with results that are there.
+    pub existing: Existing,
+    /// Where settled beds are kept; none to keep none.
+    pub beds: Option<PathBuf>,
+    /// Wall time between checkpoints.
+    pub checkpoint_every: Duration,
+    /// Simulated time between checkpoints \[s\], if asked for.
+    pub checkpoint_time: Option<f64>,
+}
+
+impl Settings {
+    /// A new run into the folder `out`, with a checkpoint each minute and no kept beds.
+    pub fn new(out: impl Into<PathBuf>) -> Self {
+        Self {
+            out: out.into(),
+            existing: Existing::Refuse,
+            beds: None,
+            checkpoint_every: Duration::from_secs(60),
+            checkpoint_time: None,
+        }
+    }
+}
+
+/// What is done with the results of an earlier run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Existing {
+    /// They stay, and nothing is run.
+    Refuse,
+    /// They are removed.
+    Replace,
+    /// They are continued from the last good checkpoint.
+    Resume,
+}
+
+/// Follows a run.
+pub trait Listener {
+    /// A line for the log.
+    fn note(&mut self, _line: &str) {}
+    /// Something the user should know; it is also in the summary.
+    fn warn(&mut self, _line: &str) {}
+    /// The run goes on.
+    fn pulse(&mut self, _pulse: &Pulse<'_>) {}
+    /// Whether the run shall stop at the next sample, with a checkpoint.
+    fn interrupted(&self) -> bool {
+        false
+    }
+}
+
+/// A [`Listener`] that does not.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Silent;
+
+impl Listener for Silent {}
+
+/// How a run stands, at every sample.
+#[derive(Clone, Copy, Debug)]
+pub struct Pulse<'a> {
+    /// The world's constants.
+    pub constants: &'a Constants,
+    /// Its progress.
+    pub progress: &'a Progress,
+    /// Steps since the run was started or resumed.
+    pub steps: u64,
+    /// Particles × steps since then.
+    pub particle_steps: f64,
+    /// Kinetic energy \[J\].
+    pub kinetic: f64,
+}
+
+/// Why a run was not done.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RunError {
+    /// The world cannot be set up.
+    #[error(transparent)]
+    Setup(#[from] SetupError),
+    /// The output folder cannot be used, or writing failed.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A checkpoint cannot be used or written.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// A checkpoint's content is not a state of this program.
+    #[error("{path}: {source}; start the run again with --force")]
+    State {
+        /// The checkpoint.
+        path: PathBuf,
+        /// What is wrong.
+        source: BytesError,
+    },
+}
+
+impl RunError {
+    /// Whether what was given is at fault, rather than what happened after the start.
+    pub fn is_input(&self) -> bool {
+        match self {
+            Self::Setup(_) | Self::State { .. } => true,
+            Self::Output(e) => matches!(
+                e,
+                OutputError::NotEmpty { .. }
+                    | OutputError::NotAFolder { .. }
+                    | OutputError::NothingToResume { .. }
+            ),
+            Self::Checkpoint(e) => !matches!(e, CheckpointError::Output(_)),
+        }
+    }
+}
+
+/// Runs all stages of a world, or those that are left, and writes everything into the output folder.
+///
+/// A world that fails is no error here: its summary says so.
+///
+/// # Errors
+/// A world that cannot be set up, a folder that cannot be used, a checkpoint of another scene, a full disk.
+pub fn run(
+    world: WorldSpec,
+    settings: &Settings,
+    listener: &mut dyn Listener,
+) -> Result<Summary, RunError> {
+    let (constants, fresh) = prepare(world)?;
+    let scene_hash = digest::scene_hash(&constants, &fresh);
+    let mut warnings = constants.warnings.clone();
+    warnings.iter().for_each(|w| listener.warn(w));
+    let mut notes = Vec::new();
+    let mut note = |line: String, listener: &mut dyn Listener| {
+        listener.note(&line);
+        notes.push(line);
+    };
+
+    let (dir, state, after) = if settings.existing == Existing::Resume {
+        let dir = OutputDir::open_existing(&settings.out)?;
+        let found = checkpoint::latest_valid(&dir.checkpoints(), &scene_hash)?;
+        for skipped in &found.skipped {
+            listener.warn(skipped);
+            warnings.push(skipped.clone());
+        }
+        if found.header.glebe_version != env!("CARGO_PKG_VERSION") {
+            let line = format!(
+                "the checkpoint was written by glebe {}; this is {}: results may differ in the last digits",
+                found.header.glebe_version,
+                env!("CARGO_PKG_VERSION")
+            );
+            listener.warn(&line);
+            warnings.push(line);
+        }
+        let state = State::from_bytes(&found.state)
+            .map_err(|source| RunError::State { path: found.path.clone(), source })?;
+        if state.progress.stage >= constants.spec.stages.len()
+            && let Ok(summary) = Summary::read(&dir.summary())
+            && summary.state_hash == state.hash()
+        {
+            note("this run is complete: nothing was left to do".to_owned(), listener);
+            return Ok(summary);
+        }
+        note(format!("resumed at t = {:.6} s (step {})", found.header.time, found.header.step), listener);
+        (dir, state, Some(found))
+    } else {
+        let dir = OutputDir::create(&settings.out, settings.existing == Existing::Replace)?;
+        (dir, fresh, None)
+    };
+
+    // Only now: an input that is refused costs no time.
+    let mut state = state;
+    let mut bed = None;
+    if after.is_none() {
+        bed = settings.beds.as_deref().and_then(|folder| Bed::of(&constants, &state, folder));
+        if let Some((kept, stages)) = bed.as_ref().and_then(|b| Some((b.load(&constants)?, b.stages))) {
+            state = kept;
+            bed = None;
+            let names: Vec<_> = constants.spec.stages[..stages].iter().map(|s| s.name.as_str()).collect();
+            let line = format!(
+                "the state after `{}` was taken from an earlier run (t = {:.6} s); --no-cache computes it",
+                names.join("`, `"),
+                state.progress.step as f64 * constants.dt
+            );
+            note(line, listener);
+        }
+    }
+    let counts = after.as_ref().map(|c| (c.header.rows, c.header.frames));
+    let run = Run {
+        recorder: Recorder::new(&dir, &constants, counts)?,
+        checkpoints: CheckpointWriter::new(&dir.checkpoints(), after.as_ref().map(|c| c.path.as_path()))?,
+        furrows: Furrows::default(),
+        batch: Batch::from_states(vec![(constants.clone(), state)], Backend::Cpu),
+        constants,
+        scene_hash,
+        dir,
+        bed,
+        started: Instant::now(),
+        steps: 0,
+        particle_steps: 0.0,
+    };
+    run.to_the_end(settings, listener, warnings, notes)
+}
+
+struct Run {
+    constants: Arc<Constants>,
+    scene_hash: String,
+    dir: OutputDir,
+    batch: Batch,
+    recorder: Recorder,
+    checkpoints: CheckpointWriter,
+    furrows: Furrows,
+    /// To be stored when its stages have ended.
+    bed: Option<Bed>,
+    started: Instant,
+    steps: u64,
+    particle_steps: f64,
+}
+
+impl Run {
+    fn to_the_end(
+        mut self,
+        settings: &Settings,
+        listener: &mut dyn Listener,
+        mut warnings: Vec<String>,
+        notes: Vec<String>,
+    ) -> Result<Summary, RunError> {
+        let mut written = Instant::now();
+        let mut written_at = self.batch.time(0);
+        while self.batch.running() && !listener.interrupted() {
+            let (step, ended) = (self.batch.progress(0).step, self.batch.progress(0).results.len());
+            self.batch.advance(&mut self.recorder)?;
+            self.furrows.look(&self.batch);
+            let progress = self.batch.progress(0);
+            let steps = progress.step - step;
+            self.steps += steps;
+            self.particle_steps += steps as f64 * self.batch.particles(0) as f64;
+            let stage_ended = progress.results.len() > ended;
+            for result in &progress.results[ended..] {
+                listener.note(&told(result, &self.constants));
+            }
+            listener.pulse(&Pulse {
+                constants: &self.constants,
+                progress,
+                steps: self.steps,
+                particle_steps: self.particle_steps,
+                kinetic: self
+                    .recorder
+                    .last
+                    .as_ref()
+                    .map_or(0.0, |s| s.ledger.translation + s.ledger.rotation),
+            });
+            if matches!(self.batch.status(0), Status::Failed(_)) {
+                break;
+            }
+            if stage_ended {
+                self.keep_bed(listener, &mut warnings);
+            }
+            let due = settings.checkpoint_time.is_some_and(|dt| self.batch.time(0) - written_at >= dt);
+            if stage_ended || due || written.elapsed() >= settings.checkpoint_every {
+                self.checkpoint()?;
+                (written, written_at) = (Instant::now(), self.batch.time(0));
+            }
+        }
+        if *self.batch.status(0) == Status::Running {
+            self.checkpoint()?;
+        }
+        let furrows = std::mem::take(&mut self.furrows);
+        plots::write(&self.dir, &self.constants, &self.batch.progress(0).results, &furrows)?;
+        let summary = self.summary(warnings, notes);
+        summary.write(&self.dir.summary())?;
+        Ok(summary)
+    }
+
+    fn checkpoint(&mut self) -> Result<(), RunError> {
+        let start = Instant::now();
+        let state = self.batch.state(0);
+        let (rows, frames) = self.recorder.counts()?;
+        let header = Header {
+            glebe_version: env!("CARGO_PKG_VERSION").to_owned(),
+            scene_hash: self.scene_hash.clone(),
+            step: state.progress.step,
+            time: self.batch.time(0),
+            rows,
+            frames,
+        };
+        self.checkpoints.write(&header, &state.to_bytes())?;
+        self.recorder.time += start.elapsed();
+        Ok(())
+    }
+
+    /// Keeps the bed when the last of its stages has just ended. A cache that cannot be written is told of
+    /// and does not stop the run.
+    fn keep_bed(&mut self, listener: &mut dyn Listener, warnings: &mut Vec<String>) {
+        let stage = self.batch.progress(0).stage;
+        if let Some(bed) = self.bed.take_if(|bed| bed.stages <= stage)
+            && bed.stages == stage
+            && let Err(error) = bed.store(self.batch.state(0))
+        {
+            let line = format!("the settled bed was not kept for later runs: {error}");
+            listener.warn(&line);
+            warnings.push(line);
+        }
+    }
+
+    fn summary(&self, warnings: Vec<String>, notes: Vec<String>) -> Summary {
+        let (c, g) = (&self.constants, self.batch.progress(0));
+        let (status, reason) = match self.batch.status(0) {
+            Status::Done => (summary::Status::Done, None),
+            Status::Failed(failure) => (summary::Status::Failed, Some(failure.to_string())),
+            Status::Running => (summary::Status::Interrupted, Some("stopped by the user".to_owned())),
+        };
+        let wall_s = self.started.elapsed().as_secs_f64();
+        let mut phases: std::collections::BTreeMap<String, f64> =
+            self.batch.times(0).rows().iter().map(|(name, s)| ((*name).to_owned(), *s)).collect();
+        phases.insert("output".to_owned(), self.recorder.time.as_secs_f64());
+        Summary {
+            title: c.spec.title.clone(),
+            status,
+            reason,
+            provenance: summary::Provenance {
+                version: env!("CARGO_PKG_VERSION").to_owned(),
+                commit: option_env!("GLEBE_COMMIT").map(str::to_owned),
+                scene_hash: self.scene_hash.clone(),
+                seed: c.spec.seed,
+            },
+            device: device(),
+            state_hash: self.batch.state(0).hash(),
+            particles: summary::Particles {
+                count: self.batch.particles(0) as u64,
+                lost: g.lost.iter().map(lost).collect(),
+                removed: g.results.iter().map(|r| r.trimmed).sum::<u64>() + g.trimmed,
+            },
+            stages: stages(c, g),
+            performance: summary::Performance {
+                particle_steps_per_second: self.particle_steps / wall_s,
+                wall_s,
+                steps: self.steps,
+                phases,
+            },
+            warnings,
+            notes,
+        }
+    }
+}
+
+/// What computes, for people.
+pub fn device() -> String {
+    format!("{} ({} threads)", Backend::Cpu.name(), rayon::current_num_threads())
+}
+
+
+fn lost(l: &glebe_engine::state::Lost) -> summary::Lost {
+    let side = format!("{}{}", ['-', '+'][l.side[1]], ['x', 'y', 'z'][l.side[0]]);
+    summary::Lost { id: l.id, time: l.time, position: l.position, side }
+}
+
+fn stages(c: &Constants, g: &Progress) -> Vec<summary::Stage> {
+    let mut start = 0.0;
+    let stage = |(spec, result): (&glebe_engine::spec::Stage, &StageResult)| {
+        let measures = spec.measures.iter().zip(&result.measures).map(|(measure, m)| {
+            let mean = if m.n == 0 { f64::NAN } else { m.mean };
+            (measure.name.clone(), summary::Measure { mean, std: m.std(), n: m.n })
+        });
+        let stage = summary::Stage {
+            name: result.name.clone(),
+            ended_by: result.ended_by.clone(),
+            start,
+            duration: result.time - start,
+            measures: measures.collect(),
+        };
+        start = result.time;
+        stage
+    };
+    c.spec.stages.iter().zip(&g.results).map(stage).collect()
+}
+
+/// A line about a stage that ended.
+fn told(result: &StageResult, c: &Constants) -> String {
+    let mut line = format!("stage `{}` ended at t = {:.4} s ({})", result.name, result.time, result.ended_by);
+    if result.trimmed > 0 {
+        line += &format!(", {} particles removed", result.trimmed);
+    }
+    let spec = c.spec.stages.iter().find(|s| s.name == result.name);
+    for (measure, m) in spec.iter().flat_map(|s| &s.measures).zip(&result.measures) {
+        line += &match m.n {
+            0 => format!("; {}: nothing measured, its window was not reached", measure.name),
+            n => format!("; {} = {:.5} ± {:.3} ({n} steps)", measure.name, m.mean, m.std()),
+        };
+    }
+    line
+}

@@ -1,0 +1,133 @@
+//! Scenes to start from. One text per template, with the values that differ between its full and its quick
+//! size marked `@name@`.
+
+use std::path::Path;
+
+use glebe_io::mesh::{StlFormat, write_stl};
+use glebe_io::output::OutputError;
+use glebe_io::tool::Sweep;
+
+/// A scene to start from.
+pub struct Template {
+    /// Its name.
+    pub name: &'static str,
+    /// What it is, in a line.
+    pub summary: &'static str,
+    text: &'static str,
+    /// Name of a value; the value in full and in quick size.
+    values: &'static [(&'static str, &'static str, &'static str)],
+    /// Name of the file that the parametric sweep is written to, if the scene has one.
+    sweep: Option<&'static str>,
+}
+
+/// Every template.
+pub const TEMPLATES: &[Template] = &[
+    Template {
+        name: "tillage",
+        summary: "a sweep drawn through settled soil: draught force and furrow",
+        text: include_str!("tillage.toml"),
+        values: &[
+            ("small", "", ", in a size that ends within a minute"),
+            ("title", "A sweep through sandy soil", "A sweep through sandy soil, coarse"),
+            ("step", "100 us", "200 us"),
+            ("count", "38912", "4864"),
+            ("radius", "\"7 mm\", \"10 mm\"", "\"14 mm\", \"20 mm\""),
+            ("quiet", "50 mJ", "50 mJ"),
+        ],
+        sweep: Some("sweep.stl"),
+    },
+    Template {
+        name: "drum",
+        summary: "grains in a rotating drum: torque",
+        text: include_str!("drum.toml"),
+        values: &[
+            ("small", "", ", in a size that ends within a minute"),
+            ("title", "A rotating drum", "A rotating drum, coarse"),
+            ("count", "11000", "1400"),
+            ("radius", "\"3.5 mm\", \"4.5 mm\"", "\"7 mm\", \"9 mm\""),
+            ("duration", "6 s", "2 s"),
+            ("window", "2.0, 6.0", "1.0, 2.0"),
+        ],
+        sweep: None,
+    },
+    Template {
+        name: "silo",
+        summary: "a silo that empties through a hopper: loads on its wall",
+        text: include_str!("silo.toml"),
+        values: &[
+            ("small", "", ", in a size that ends within a minute"),
+            ("title", "A silo", "A silo, coarse"),
+            ("count", "22000", "4500"),
+            ("radius", "\"4 mm\", \"5.5 mm\"", "\"7 mm\", \"9 mm\""),
+            ("duration", "4 s", "1 s"),
+        ],
+        sweep: None,
+    },
+    Template {
+        name: "deposition",
+        summary: "a cloud of grains that settles in a box: energies",
+        text: include_str!("deposition.toml"),
+        values: &[
+            ("small", "", ", in a size that ends within a minute"),
+            ("title", "Deposition", "Deposition, few"),
+            ("count", "8519", "2000"),
+            ("radius", "\"28 mm\", \"52 mm\"", "\"45 mm\", \"85 mm\""),
+        ],
+        sweep: None,
+    },
+];
+
+impl Template {
+    /// The template of that name.
+    pub fn named(name: &str) -> Option<&'static Self> {
+        TEMPLATES.iter().find(|t| t.name == name)
+    }
+
+    /// The scene file.
+    pub fn scene(&self, quick: bool) -> String {
+        let value = |text: String, (name, full, small): &(&str, &str, &str)| {
+            text.replace(&format!("@{name}@"), if quick { small } else { full })
+        };
+        self.values.iter().fold(self.text.to_owned(), value)
+    }
+
+    /// Writes the scene and its meshes into a folder that is there; returns the names of the files.
+    ///
+    /// # Errors
+    /// [`OutputError::Io`].
+    pub fn write(&self, folder: &Path, quick: bool) -> Result<Vec<&'static str>, OutputError> {
+        let mut files = vec!["scene.toml"];
+        let scene = self.scene(quick);
+        glebe_io::output::write_atomic(&folder.join("scene.toml"), |out| out.write_all(scene.as_bytes()))?;
+        if let Some(name) = self.sweep {
+            let path = folder.join(name);
+            // The default sweep is within its own limits.
+            if let Ok(mesh) = Sweep::default().mesh() {
+                write_stl(&path, &mesh, "sweep", StlFormat::Binary).map_err(|e| OutputError::Malformed {
+                    path: path.clone(),
+                    what: e.to_string(),
+                })?;
+                files.push(name);
+            }
+        }
+        Ok(files)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::TEMPLATES;
+    use glebe_io::scene::Scene;
+
+    #[test]
+    fn every_template_is_a_scene_without_a_warning() {
+        for template in TEMPLATES {
+            for quick in [false, true] {
+                let text = template.scene(quick);
+                assert!(!text.contains('@'), "{}: a value is not filled in", template.name);
+                let scene = Scene::parse(template.name, &text, &[]).expect(template.name);
+                assert!(scene.warnings.is_empty(), "{}: {:?}", template.name, scene.warnings);
+            }
+        }
+    }
+}

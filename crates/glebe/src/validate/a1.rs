@@ -1,0 +1,147 @@
+//! Deposition of spheres in a box (Nagy et al. 2024, section 3.1, figure 4, table B.5 column 1).
+//!
+//! The paper's: box, material, step 1e-4 s with `exact`, 8519 spheres of 40 ± 12 mm. Its 509 spheres of 200 ± 60 mm
+//! do not fit the box, so they are 100 ± 30 mm here. Chosen: the starting cloud (at rest, solid fraction 0.3; the paper
+//! has none), the limits on what is left of the energies (the paper: "approaches zero", "converges to a constant
+//! value"), and the energy ledger, which is judged with `euler` at 50 steps per collision (2e-5 s; physics of a fall
+//! from 2.8 m) on the 509 spheres, in full size on the 8519 as well.
+
+use glebe_engine::batch::Sample;
+use glebe_report::{Axis, Plot, Series, Style};
+
+use super::case::{Case, CaseError, Findings};
+use super::trial::{Finished, SceneFile, Trial, kinetic, mean, run_to_end, scene_file};
+
+pub(super) const CASE: Case = Case {
+    id: "A1",
+    name: "deposition",
+    shows: "spheres that fall into a box come to rest, none is lost, and every joule is accounted for",
+    source: "Nagy et al. 2024 (GPUDEM), section 3.1, figure 4, table B.5 column 1",
+    run,
+};
+
+const SCENE: SceneFile = scene_file!("A1-deposition/scene.toml");
+/// Part of the series that "at the end" means \[s\].
+const END: f64 = 0.1;
+
+struct Variant {
+    name: &'static str,
+    large: bool,
+    integrator: &'static str,
+    /// \[s\]
+    step: f64,
+    /// Whether the quick size has it.
+    quick: bool,
+    /// Whether its energy must be accounted for.
+    closes: bool,
+}
+
+const VARIANTS: [Variant; 6] = [
+    Variant { name: "8519_euler", large: false, integrator: "euler", step: 1e-4, quick: true, closes: false },
+    Variant { name: "8519_exact", large: false, integrator: "exact", step: 1e-4, quick: true, closes: false },
+    Variant { name: "509_euler", large: true, integrator: "euler", step: 1e-4, quick: true, closes: false },
+    Variant { name: "509_exact", large: true, integrator: "exact", step: 1e-4, quick: true, closes: false },
+    Variant { name: "509_euler_fine", large: true, integrator: "euler", step: 2e-5, quick: true, closes: true },
+    Variant { name: "8519_euler_fine", large: false, integrator: "euler", step: 2e-5, quick: false, closes: true },
+];
+
+impl Variant {
+    fn sets(&self) -> Vec<String> {
+        let mut sets =
+            vec![format!("time.step={:?}", self.step), format!("time.integrator={}", self.integrator)];
+        if self.large {
+            sets.push("particles.cloud.count=509".to_owned());
+            sets.push("particles.cloud.radius={ uniform = [\"70 mm\", \"130 mm\"] }".to_owned());
+        }
+        sets
+    }
+}
+
+fn run(trial: &Trial) -> Result<Findings, CaseError> {
+    let variants: Vec<&Variant> = VARIANTS.iter().filter(|v| v.quick || !trial.quick).collect();
+    let worlds = variants.iter().map(|v| SCENE.world(&v.sets())).collect::<Result<_, _>>()?;
+    let done = run_to_end(worlds)?.all_done()?;
+    let mut found = Findings::default();
+    for (w, v) in variants.iter().enumerate() {
+        judge(&mut found, v, &done, w);
+    }
+    let curves: Vec<Curve> = variants.iter().zip(&done.series).map(|(v, s)| Curve::new(v, s)).collect();
+    found.figures.push(("kinetic-energy", kinetic_figure(&curves)));
+    found.figures.push(("potential-energy", potential_figure(&curves)));
+    Ok(found)
+}
+
+fn judge(found: &mut Findings, v: &Variant, done: &Finished, w: usize) {
+    let series = &done.series[w];
+    let Some((first, last)) = series.first().zip(series.last()) else { return };
+    let peak = series.iter().map(kinetic).fold(0.0, f64::max);
+    let late = |from: f64, to: f64| {
+        mean(series.iter().filter(|s| s.time > last.time - from && s.time <= last.time - to).map(kinetic))
+    };
+    found.near(format!("{}_kinetic_left_of_peak", v.name), late(END, 0.0) / peak, 0.0, 1e-3);
+    found.between(format!("{}_kinetic_of_before", v.name), late(END, 0.0) / late(2.0 * END, END), 0.0, 1.0);
+    let fallen = first.ledger.potential - last.ledger.potential;
+    let before = series.iter().rfind(|s| s.time <= last.time - END).unwrap_or(first);
+    let change = (before.ledger.potential - last.ledger.potential).abs() / fallen;
+    found.near(format!("{}_potential_change_at_end", v.name), change, 0.0, 1e-3);
+    found.zero(format!("{}_lost", v.name), done.batch.progress(w).lost.len() as f64);
+    let open = last.ledger.integrator() / last.ledger.dissipated();
+    let name = format!("{}_energy_unaccounted_of_dissipated", v.name);
+    if v.closes {
+        found.near(name, open, 0.0, 0.01);
+    } else {
+        found.report(name, open);
+    }
+}
+
+struct Curve {
+    name: String,
+    time: Vec<f64>,
+    kinetic: Vec<f64>,
+    potential: Vec<f64>,
+}
+
+impl Curve {
+    /// Energies in shares: kinetic of its peak, potential of what it was.
+    fn new(v: &Variant, series: &[Sample]) -> Self {
+        let peak = series.iter().map(kinetic).fold(0.0, f64::max);
+        let start = series.first().map_or(1.0, |s| s.ledger.potential);
+        Self {
+            name: v.name.replace('_', " "),
+            time: series.iter().map(|s| s.time).collect(),
+            kinetic: series.iter().map(|s| kinetic(s) / peak).collect(),
+            potential: series.iter().map(|s| s.ledger.potential / start).collect(),
+        }
+    }
+}
+
+fn kinetic_figure(curves: &[Curve]) -> String {
+    let (ends, limit) = ([0.0, 1.5], [1e-3; 2]);
+    let mut series: Vec<Series<'_>> = curves
+        .iter()
+        .map(|c| Series { name: &c.name, x: &c.time, y: &c.kinetic, style: Style::Line })
+        .collect();
+    series.push(Series { name: "limit at 1.5 s", x: &ends, y: &limit, style: Style::Dashed });
+    Plot {
+        title: "Deposition: kinetic energy",
+        x: Axis::new("time", "s"),
+        y: Axis::new("kinetic energy / its peak", "").log(),
+        series,
+        ..Plot::default()
+    }
+    .to_svg()
+}
+
+fn potential_figure(curves: &[Curve]) -> String {
+    Plot {
+        title: "Deposition: potential energy",
+        x: Axis::new("time", "s"),
+        y: Axis::new("potential energy / at the start", "").from_zero(),
+        series: curves
+            .iter()
+            .map(|c| Series { name: &c.name, x: &c.time, y: &c.potential, style: Style::Line })
+            .collect(),
+        ..Plot::default()
+    }
+    .to_svg()
+}

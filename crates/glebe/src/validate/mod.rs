@@ -1,0 +1,147 @@
+//! The validation suite: cases whose outcome is published or exact, from scenes in `validation/`.
+//!
+//! A new case is **one file and one row**: a file beside this one with a `pub(super) const CASE: Case`, which says
+//! where its numbers come from and which of them are chosen; a folder `validation/ID-name` with its scene; its module
+//! and its row in `CASES`. Command line, help, JSON and tests follow from the row.
+//!
+//! Nothing is tuned to pass: parameters are the source's, and tolerances are written before the run.
+
+mod a1;
+mod a3;
+mod b1;
+mod b10;
+mod b11;
+mod case;
+mod output;
+mod trial;
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::builder::{PossibleValue, PossibleValuesParser};
+use glebe_io::output::OutputError;
+
+pub use case::{Case, CaseError, Findings, Metric, Outcome};
+use trial::Trial;
+
+/// Every case, in the order in which they run.
+const CASES: &[Case] = &[a1::CASE, a3::CASE, b1::CASE, b10::CASE, b11::CASE];
+
+/// All registered cases.
+pub fn cases() -> &'static [Case] {
+    CASES
+}
+
+/// What `glebe validate` is asked for.
+#[derive(clap::Args, Clone, Debug)]
+pub struct ValidateArgs {
+    /// Cases by id or name; all if none is named
+    #[arg(value_name = "NAME", value_parser = names(), ignore_case = true, hide_possible_values = true)]
+    pub names: Vec<String>,
+    /// Smaller sizes: all cases together take about two minutes on two cores
+    #[arg(long)]
+    pub quick: bool,
+    /// Prints the results as JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Folder for figures and results.json; those of an earlier validation in it are replaced
+    #[arg(long, value_name = "DIR", default_value = "validation-results")]
+    pub out: PathBuf,
+    /// Threads to use; all cores if not given
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub threads: Option<u16>,
+}
+
+fn names() -> PossibleValuesParser {
+    let both = |c: &Case| [PossibleValue::new(c.id), PossibleValue::new(c.name)];
+    CASES.iter().flat_map(both).collect::<Vec<_>>().into()
+}
+
+/// Why the suite could not be run. Exit codes: 2 for input, 1 for the rest.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ValidateError {
+    /// No such case.
+    #[error("there is no case `{name}`; choose from {known}")]
+    Unknown {
+        /// As asked for.
+        name: String,
+        /// Ids and names.
+        known: String,
+    },
+    /// A case could not be run to its end.
+    #[error("case {id} could not be run: {source}")]
+    Case {
+        /// Its id.
+        id: &'static str,
+        /// Why.
+        source: CaseError,
+    },
+    /// Results could not be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// No threads.
+    #[error("the threads could not be started: {0}")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+}
+
+impl ValidateError {
+    /// 2 if what was asked for is wrong, 1 if running it failed.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Unknown { .. } => 2,
+            _ => 1,
+        }
+    }
+}
+
+/// Runs the cases asked for, prints them as they end (or all as JSON), and writes their figures.
+///
+/// Returns whether all passed; `glebe validate` then exits with 0, else with 1.
+///
+/// # Errors
+/// An unknown case; a scene that cannot be built or run; results that cannot be written.
+pub fn run(args: &ValidateArgs) -> Result<bool, ValidateError> {
+    let chosen = select(&args.names)?;
+    output::claim(&args.out, &chosen)?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(args.threads.map_or(0, usize::from)).build()?;
+    let mut outcomes = Vec::new();
+    for case in chosen {
+        let outcome = pool.install(|| evaluate(case, args.quick))?;
+        output::write_figures(&args.out, &outcome)?;
+        if !args.json {
+            output::print(&outcome, &args.out);
+        }
+        outcomes.push(outcome);
+    }
+    let json = output::json(&outcomes, args.quick);
+    output::write_results(&args.out, &json)?;
+    if args.json {
+        println!("{json}");
+    } else {
+        output::print_verdict(&outcomes);
+    }
+    Ok(outcomes.iter().all(Outcome::passed))
+}
+
+/// Runs one case, in its quick or full size, on the threads of the current pool.
+///
+/// # Errors
+/// [`ValidateError::Case`] if its scene cannot be built or run.
+pub fn evaluate(case: &'static Case, quick: bool) -> Result<Outcome, ValidateError> {
+    let began = Instant::now();
+    let findings = (case.run)(&Trial { quick }).map_err(|source| ValidateError::Case { id: case.id, source })?;
+    Ok(Outcome { case, findings, seconds: began.elapsed().as_secs_f64() })
+}
+
+/// The cases named, each once, in the order of the table; all of them if none is named.
+fn select(names: &[String]) -> Result<Vec<&'static Case>, ValidateError> {
+    let is = |case: &Case, name: &String| {
+        name.eq_ignore_ascii_case(case.id) || name.eq_ignore_ascii_case(case.name)
+    };
+    if let Some(name) = names.iter().find(|name| !CASES.iter().any(|case| is(case, name))) {
+        let known = CASES.iter().map(|c| format!("{} ({})", c.id, c.name)).collect::<Vec<_>>().join(", ");
+        return Err(ValidateError::Unknown { name: name.clone(), known });
+    }
+    Ok(CASES.iter().filter(|case| names.is_empty() || names.iter().any(|name| is(case, name))).collect())
+}

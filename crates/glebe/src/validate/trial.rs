@@ -1,0 +1,129 @@
+//! Running a case's worlds.
+
+use std::convert::Infallible;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use glebe_engine::backend::Backend;
+use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status};
+use glebe_engine::spec::WorldSpec;
+use glebe_engine::state::StageResult;
+use glebe_io::scene::{Scene, SceneError};
+
+use super::case::CaseError;
+
+/// How a case is run.
+#[derive(Clone, Copy, Debug)]
+pub struct Trial {
+    /// In its quick size.
+    pub quick: bool,
+}
+
+/// A scene file of a case, as it is in `validation/`.
+pub struct SceneFile {
+    /// Path, for messages.
+    pub name: &'static str,
+    /// Content.
+    pub text: &'static str,
+}
+
+/// The file `validation/$path`.
+macro_rules! scene_file {
+    ($path:literal) => {
+        crate::validate::trial::SceneFile {
+            name: concat!("validation/", $path),
+            text: include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../validation/", $path)),
+        }
+    };
+}
+pub(super) use scene_file;
+
+impl SceneFile {
+    /// The scene's world, with overrides as `--set` takes them.
+    pub fn world(&self, sets: &[String]) -> Result<WorldSpec, CaseError> {
+        let scene = Scene::parse(self.name, self.text, sets).map_err(|e| wrong(&e))?;
+        Ok(scene.build(Path::new(".")).map_err(|e| wrong(&e))?.world)
+    }
+}
+
+fn wrong(errors: &[SceneError]) -> CaseError {
+    CaseError::Scene(errors.iter().fold(String::new(), |mut text, e| {
+        // Writing to a string does not fail.
+        let _ = write!(text, "{e:#}");
+        text
+    }))
+}
+
+/// Worlds that have run, with their series.
+pub struct Finished {
+    /// The worlds, each done or failed.
+    pub batch: Batch,
+    /// The series of each.
+    pub series: Vec<Vec<Sample>>,
+}
+
+/// Runs worlds until each is done or has failed.
+pub fn run_to_end(worlds: Vec<WorldSpec>) -> Result<Finished, CaseError> {
+    let mut record = Record { series: vec![Vec::new(); worlds.len()] };
+    let mut batch = Batch::new(worlds, Backend::Cpu).map_err(|(_, error)| error)?;
+    while batch.running() {
+        let Ok(()) = batch.advance(&mut record);
+    }
+    Ok(Finished { batch, series: record.series })
+}
+
+impl Finished {
+    /// Refuses to go on if a world was stopped.
+    pub fn all_done(self) -> Result<Self, CaseError> {
+        match (0..self.batch.len()).find(|&w| *self.batch.status(w) != Status::Done) {
+            Some(w) => {
+                Err(CaseError::stopped(&self.batch.constants(w).spec.title, self.batch.status(w)))
+            }
+            None => Ok(self),
+        }
+    }
+}
+
+/// Keeps series.
+#[derive(Default)]
+pub struct Record {
+    /// The series of each world.
+    pub series: Vec<Vec<Sample>>,
+}
+
+impl Observer for Record {
+    type Error = Infallible;
+    fn sample(&mut self, world: usize, sample: &Sample) -> Result<(), Infallible> {
+        if let Some(series) = self.series.get_mut(world) {
+            series.push(sample.clone());
+        }
+        Ok(())
+    }
+    fn frame(&mut self, _: usize, _: &Frame<'_>) -> Result<(), Infallible> {
+        Ok(())
+    }
+    fn stage_ended(&mut self, _: usize, _: usize, _: &StageResult) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+/// Kinetic energy of a sample \[J\].
+pub fn kinetic(sample: &Sample) -> f64 {
+    sample.ledger.translation + sample.ledger.rotation
+}
+
+/// Mean of values; NaN of none.
+pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
+    let (n, sum) = values.into_iter().fold((0.0, 0.0), |(n, sum), x| (n + 1.0, sum + x));
+    sum / n
+}
+
+/// Slope of the straight line through `(ln x, ln y)` by least squares.
+pub fn power_law(x: &[f64], y: &[f64]) -> f64 {
+    let points: Vec<[f64; 2]> = x.iter().zip(y).map(|(x, y)| [x.ln(), y.ln()]).collect();
+    let centre = [0, 1].map(|k| mean(points.iter().map(|p| p[k])));
+    let product = |i: usize, j: usize| {
+        points.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum::<f64>()
+    };
+    product(0, 1) / product(0, 0)
+}

@@ -1,0 +1,178 @@
+//! Runs that are interrupted, killed, resumed, and that share settled beds: always the same bits.
+
+mod cli_common;
+
+use std::fs;
+use std::process::{Child, Command};
+use std::thread::sleep;
+use std::time::{Duration, Instant, SystemTime};
+
+use cli_common::{Ended, Place, SCENE, series};
+
+/// Waits until the run has written so many rows of its series.
+fn wait_for_rows(place: &Place, out: &str, rows: usize) {
+    let started = Instant::now();
+    let file = place.path(out).join("series.csv");
+    while fs::read_to_string(&file).map_or(0, |t| t.lines().count()) <= rows {
+        assert!(started.elapsed() < Duration::from_secs(60), "no rows after a minute");
+        sleep(Duration::from_millis(5));
+    }
+}
+
+fn signal(child: &Child, name: &str) {
+    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
+}
+
+/// A moment that is another in every run of the test \[ms\].
+fn some_time(most: u32) -> Duration {
+    let nanos = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().subsec_nanos();
+    Duration::from_millis(u64::from(nanos / 1000 % most))
+}
+
+#[test]
+fn a_run_that_is_interrupted_and_resumed_ends_with_the_same_bits() {
+    let place = Place::new();
+    place.write("scene.toml", SCENE);
+    let whole = place.glebe(&["run", "scene.toml", "--out", "whole", "--no-cache", "--json"]);
+    let whole = whole.expect(0).json();
+    assert_eq!(whole["status"], "done");
+
+    let run = ["run", "scene.toml", "--out", "parts", "--no-cache"];
+    let mut args = run.to_vec();
+    for name in ["-INT", "-TERM"] {
+        let rows = fs::read_to_string(place.path("parts/series.csv")).map_or(0, |t| t.lines().count());
+        let child = place.command(&args).spawn().unwrap();
+        wait_for_rows(&place, "parts", rows + 20);
+        sleep(some_time(200));
+        signal(&child, name);
+        let ended = Ended::of(&child.wait_with_output().unwrap());
+        ended.expect(130).says(&["--resume"]);
+        assert_eq!(place.summary("parts")["status"], "interrupted");
+        args = [&run[..], &["--resume"]].concat();
+    }
+    place
+        .glebe(&[&args[..], &["--set", "material.soil.density=2100"]].concat())
+        .expect(2)
+        .says(&["belongs to another scene"]);
+    place.glebe(&args).expect(0).says(&["resumed at"]);
+
+    assert_eq!(place.hash("parts"), whole["state_hash"].as_str().unwrap());
+    let bytes = |name: &str| fs::read(place.path(name)).unwrap();
+    assert_eq!(bytes("parts/series.csv"), bytes("whole/series.csv"), "the series has a seam");
+    assert_eq!(bytes("parts/frames.pvd"), bytes("whole/frames.pvd"), "the frames have a seam");
+    let measures = |out: &str| place.summary(out)["stages"][2]["measures"].clone();
+    assert_eq!(measures("parts"), measures("whole"));
+    assert!(measures("whole")["draught_force"]["mean"].as_f64().unwrap() > 0.0);
+    // Once done there is nothing to resume, and nothing is spoilt.
+    place.glebe(&args).expect(0).says(&["nothing was left to do"]);
+    assert_eq!(place.hash("parts"), whole["state_hash"].as_str().unwrap());
+}
+
+#[test]
+fn a_run_that_is_killed_goes_on_from_its_last_checkpoint() {
+    let place = Place::new();
+    place.write("scene.toml", SCENE);
+    let sets = ["--set", "stage.push.duration=0.1", "--set", "stage.settle.until.at_most=0.1"];
+    let run = |out: &'static str| [&["run", "scene.toml", "--out", out, "--no-cache"], &sets[..]].concat();
+    place.glebe(&run("whole")).expect(0);
+
+    let child = place.command(&[&run("killed")[..], &["--checkpoint-every", "0"]].concat()).spawn().unwrap();
+    wait_for_rows(&place, "killed", 60);
+    signal(&child, "-KILL");
+    Ended::of(&child.wait_with_output().unwrap()).expect(-1);
+    assert!(fs::read_dir(place.path("killed/checkpoint")).unwrap().count() <= 3, "old checkpoints pile up");
+    place.glebe(&[&run("killed")[..], &["--resume"]].concat()).expect(0);
+    assert_eq!(place.hash("killed"), place.hash("whole"));
+    assert_eq!(
+        fs::read(place.path("killed/series.csv")).unwrap(),
+        fs::read(place.path("whole/series.csv")).unwrap()
+    );
+}
+
+#[test]
+fn a_settled_bed_is_reused_without_changing_a_bit() {
+    let place = Place::new();
+    place.write("scene.toml", SCENE);
+    let run = |out: &str, more: &[&str]| {
+        let args = [&["run", "scene.toml", "--out", out][..], more].concat();
+        let ended = place.glebe(&args);
+        ended.expect(0);
+        let notes = place.summary(out)["notes"].to_string();
+        assert_eq!(notes.contains("taken from an earlier run"), ended.stderr.contains("taken from an earlier run"));
+        (place.hash(out), notes.contains("after `settle` was taken from an earlier run"))
+    };
+    let (first, reused) = run("first", &[]);
+    assert!(!reused, "there was nothing to reuse");
+    let (second, reused) = run("second", &[]);
+    assert!(reused);
+    assert_eq!(first, second);
+    assert!(series(&place.path("second")).column("time").unwrap()[0] > 0.1, "the series begins at the bed");
+    assert_eq!(place.summary("first")["stages"], place.summary("second")["stages"]);
+
+    // Another tool, in another place of the list of surfaces, finds the same bed; other soil does not.
+    let taller = ["--set", "geometry.block.box.max=[0, 0.03, 0.2]", "--set", "stage.push.duration=0.1"];
+    let (with_bed, reused) = run("taller", &taller);
+    assert!(reused);
+    let (without, reused) = run("taller2", &[&taller[..], &["--no-cache"]].concat());
+    assert!(!reused);
+    assert_eq!(with_bed, without);
+    assert_ne!(with_bed, first);
+    let (_, reused) = run("denser", &["--set", "material.soil.density=2100"]);
+    assert!(!reused);
+
+    // A damaged bed is no bed.
+    for entry in fs::read_dir(place.path("cache")).unwrap() {
+        let path = entry.unwrap().path();
+        let bytes = fs::read(&path).unwrap();
+        fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+    }
+    let (again, reused) = run("again", &[]);
+    assert!(!reused);
+    assert_eq!(again, first);
+}
+
+#[test]
+fn a_tool_more_in_the_list_finds_the_same_bed() {
+    let place = Place::new();
+    let second = "[geometry.aaa]\nbox = { min = [-0.02, -0.02, 0.02], max = [0, 0.02, 0.2] }\nmaterial = \"wall\"\n\
+                  translate = [-0.3, 0, 0]\n\n[geometry.floor]";
+    let more = SCENE.replace("[geometry.floor]", second).replace("[\"block\"]", "[\"aaa\", \"block\"]");
+    place.write("one.toml", SCENE).write("two.toml", more);
+    place.glebe(&["run", "one.toml", "--out", "one"]).expect(0);
+    place.glebe(&["run", "two.toml", "--out", "two"]).expect(0).says(&["taken from an earlier run"]);
+    place.glebe(&["run", "two.toml", "--out", "alone", "--no-cache"]).expect(0);
+    assert_eq!(place.hash("two"), place.hash("alone"));
+    assert_ne!(place.hash("two"), place.hash("one"), "the state holds the surfaces too");
+}
+
+#[test]
+fn threads_change_no_bit_and_force_replaces() {
+    let place = Place::new();
+    place.write("scene.toml", SCENE);
+    let short = ["--no-cache", "--set", "stage.settle.until.at_most=0.1", "--set", "stage.push.duration=0.05"];
+    let run = |threads| [&["run", "scene.toml", "--threads", threads][..], &short].concat();
+    place.glebe(&run("1")).expect(0);
+    let one = place.hash("out");
+    place.glebe(&run("3")).expect(2).says(&["--force"]);
+    let json = place.glebe(&[&run("3")[..], &["--force", "--json"]].concat());
+    assert_eq!(json.expect(0).json()["state_hash"], one.as_str());
+    assert_eq!(json.json()["device"], "cpu (3 threads)");
+    assert_eq!(json.stderr, "", "--json leaves standard error to the system");
+}
+
+#[test]
+fn a_world_that_fails_says_why_and_keeps_its_results() {
+    let place = Place::new();
+    // Soft grains that land fast.
+    let scene = SCENE.replacen("\"5 MPa\"", "\"20 kPa\"", 1);
+    place.write("scene.toml", scene);
+    let sets = ["--set", "particles.bed.velocity=[0,0,-3]", "--no-cache"];
+    let ended = place.glebe(&[&["run", "scene.toml"], &sets[..]].concat());
+    ended.expect(1).says(&["particle", "overlap", "raise youngs_modulus", "series, frames and checkpoints"]);
+    let summary = place.summary("out");
+    assert_eq!(summary["status"], "failed");
+    assert!(summary["reason"].as_str().unwrap().contains("particle"));
+    assert!(series(&place.path("out")).rows() > 1);
+    let json = place.glebe(&[&["run", "scene.toml", "--force", "--json"], &sets[..]].concat());
+    assert_eq!(json.expect(1).json()["errors"][0]["code"], "failed");
+}
