@@ -1,4 +1,4 @@
-//! placeholder
+//! Scene files, meshes, particle files, writers and checkpoints of the glebe DEM engine.
 
 pub mod checkpoint;
 pub mod mesh;

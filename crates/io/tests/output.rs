@@ -457,7 +457,8 @@ mod frames {
     /// compare: an error in CI, a notice elsewhere.
     fn read_with_vtk(collection: &Path) -> Option<serde_json::Value> {
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/output_vtk.py");
-        let output = Command::new("python3").arg(script).arg(collection).output();
+        let python = std::env::var("GLEBE_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+        let output = Command::new(python).arg(script).arg(collection).output();
         match output {
             Ok(output) if output.status.success() => Some(serde_json::from_slice(&output.stdout).unwrap()),
             Ok(output) if output.status.code() != Some(77) => {
@@ -465,7 +466,7 @@ mod frames {
             }
             _ => {
                 let notice =
-                    "not compared with VTK's reader: needs python3 with the package vtk (pip install vtk)";
+                    "not compared with VTK's reader: needs python3 with the package vtk (run scripts/test)";
                 assert!(std::env::var_os("CI").is_none(), "{notice}");
                 eprintln!("NOTICE: {notice}");
                 None

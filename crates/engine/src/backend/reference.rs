@@ -252,21 +252,24 @@ impl World {
         let c = self.c.clone();
         let kind = c.spec.time.integrator;
         let split = kind == IntegratorKind::VelocityVerlet;
-        self.stand(g);
         if split {
             if !g.primed {
+                self.stand(g);
                 self.prime();
             }
             let moved = self.motion(kind, None, !g.primed);
             self.check(g, &moved)?;
+            // The force belongs to the end of the step, for surfaces too.
+            g.step += 1;
         }
+        self.stand(g);
         let contacts = self.contacts_of_step(c.dt);
         let moved = self.motion(kind, Some(&self.sums(&contacts)), !g.primed);
         self.account(g, &contacts, &moved, split);
         self.guard(g, &contacts)?;
         self.check(g, &moved)?;
         g.primed = true;
-        g.step += 1;
+        g.step += u64::from(!split);
         self.release(g);
         Ok(())
     }

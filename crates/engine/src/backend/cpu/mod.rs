@@ -274,21 +274,24 @@ impl CpuWorld {
         let kind = self.c.spec.time.integrator;
         let split = kind == IntegratorKind::VelocityVerlet;
         let mut clock = Clock(Instant::now());
-        self.stand(g);
-        self.times.surfaces += clock.lap();
         if split {
             if !g.primed {
+                self.stand(g);
                 self.forces(Purpose::Prime);
                 self.prime();
             }
             let moved = self.motion(kind, true, !g.primed);
             self.check(g, moved)?;
+            // The force belongs to the end of the step, for surfaces too.
+            g.step += 1;
             self.times.integration += clock.lap();
-            if moved.displacement.sqrt() > 0.5 * g.skin as f32 {
+            if moved.displacement.sqrt() > 0.5 * g.skin as f32 || self.surface_strayed(g) {
                 self.rebuild(g);
                 clock.lap();
             }
         }
+        self.stand(g);
+        self.times.surfaces += clock.lap();
         self.forces(Purpose::Step);
         self.times.forces += clock.lap();
         let moved = self.motion(kind, false, !g.primed);
@@ -298,7 +301,7 @@ impl CpuWorld {
         self.guard(g)?;
         self.check(g, moved)?;
         g.primed = true;
-        g.step += 1;
+        g.step += u64::from(!split);
         let stale = moved.displacement.sqrt() > 0.5 * g.skin as f32 || self.surface_strayed(g);
         self.times.surfaces += clock.lap();
         if stale {
