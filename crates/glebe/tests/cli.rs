@@ -23,7 +23,7 @@ const MISTAKES: &[Bad] = &[
     Bad {
         from: "radius = { uniform = [\"6 mm\", \"9 mm\"] }",
         to: "radius = \"-6 mm\"",
-        says: &["particles.bed.radius", "above 0"],
+        says: &["particles.bed.radius", "allowed is more than 0"],
     },
     Bad {
         from: "material = \"soil\"",

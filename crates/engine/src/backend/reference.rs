@@ -333,7 +333,12 @@ impl World {
                 let id = [a.id, b.id];
                 let mut history =
                     self.pairs.get(&id).cloned().unwrap_or_else(|| vec![0.0; self.c.history.len()]);
-                let pull = self.evaluate(&meeting, self.c.pair(a.material as usize, b.material as usize), &mut history, dt);
+                let pull = self.evaluate(
+                    &meeting,
+                    self.c.pair(a.material as usize, b.material as usize),
+                    &mut history,
+                    dt,
+                );
                 memory.insert(id, history);
                 contacts.push(Contact { i, with: Partner::Particle(j), meeting, pull, arm: v3([0.0; 3]) });
             }
@@ -349,8 +354,8 @@ impl World {
                 let mut before = self.surfaces.get(&key).cloned().unwrap_or_default();
                 let mut now: Vec<Touched> = Vec::new();
                 for point in self.surface_points(b, boundary) {
-                    let mut history = take_nearest(&mut before, point.n)
-                        .unwrap_or_else(|| vec![0.0; self.c.history.len()]);
+                    let mut history =
+                        take_nearest(&mut before, point.n).unwrap_or_else(|| vec![0.0; self.c.history.len()]);
                     let (meeting, arm) = self.on_surface(b, boundary, &point);
                     let pair = self.c.pair(b.material as usize, self.c.boundaries[boundary].material);
                     let pull = self.evaluate(&meeting, pair, &mut history, dt);
@@ -573,9 +578,7 @@ impl World {
     fn check(&self, g: &Progress, moved: &Moved) -> Result<(), Failure> {
         match moved.runaway {
             None => Ok(()),
-            Some(i) => {
-                Err(runaway_failure(&self.c, g, &self.describe(i), self.bodies[i].portrait().v))
-            }
+            Some(i) => Err(runaway_failure(&self.c, g, &self.describe(i), self.bodies[i].portrait().v)),
         }
     }
 
@@ -746,7 +749,8 @@ fn with_force<S: Scheme>(
     let (x, y) = (advance(b.v, a, a_old), advance(b.w, alpha, alpha_old));
     let (v, w) = (v3(x.map(|s| s.v)), v3(y.map(|s| s.v)));
     let work = |lost: V3, old: V3, new: V3| 0.5 * dt * dot(lost, plus(old, new));
-    *damped += work(minus(free, a), b.v, v) / b.inv_mass + work(minus(turning, alpha), b.w, w) / b.inv_inertia();
+    *damped +=
+        work(minus(free, a), b.v, v) / b.inv_mass + work(minus(turning, alpha), b.w, w) / b.inv_inertia();
     (b.force, b.a, b.alpha, b.v, b.w) = (force, a, alpha, v, w);
     x.map(|s| s.dx)
 }

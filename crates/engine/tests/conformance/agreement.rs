@@ -26,8 +26,7 @@ fn packed() -> &'static (Vec<f64>, Vec<Vec3>) {
     PACKED.get_or_init(|| {
         let mut r = Random(5);
         let radii: Vec<f64> = (0..400).map(|_| 1e-3 * (1.0 + 2.0 * r.unit())).collect();
-        let region =
-            Region { min: [0.0; 3], max: [SIZE, SIZE, 2.0 * SIZE], periodic: [true, false, false] };
+        let region = Region { min: [0.0; 3], max: [SIZE, SIZE, 2.0 * SIZE], periodic: [true, false, false] };
         let x = generate("dense", &FillRequest::new(region, &radii, 3)).unwrap();
         (radii, x)
     })
@@ -37,7 +36,13 @@ fn packed() -> &'static (Vec<f64>, Vec<Vec3>) {
 fn world(contact: ContactModel) -> WorldSpec {
     const PRESSED: f64 = 0.98;
     let (radii, positions) = packed();
-    let other = Material { youngs_modulus: 3e7, poissons_ratio: 0.2, friction: 0.3, static_friction: 0.4, ..grain(0.8, 0.0) };
+    let other = Material {
+        youngs_modulus: 3e7,
+        poissons_ratio: 0.2,
+        friction: 0.3,
+        static_friction: 0.4,
+        ..grain(0.8, 0.0)
+    };
     let mut w = open_world([0.0; 3], 1.0, 2e-6, grain(0.5, 0.5));
     w.materials.push(other);
     let side = SIZE * PRESSED;
@@ -92,7 +97,11 @@ pub fn one_step_forces_equal_the_reference(backend: Backend) {
             assert!(off <= FORCE * size, "{name}: force on {i} off by {:.2e} of {size:.3e} N", off / size);
             let off = norm(sub(a.torque, b.torque));
             let size = size * b.radius;
-            assert!(off <= TORQUE * size, "{name}: torque on {i} off by {:.2e} of {size:.3e} N m", off / size);
+            assert!(
+                off <= TORQUE * size,
+                "{name}: torque on {i} off by {:.2e} of {size:.3e} N m",
+                off / size
+            );
         }
     }
 }

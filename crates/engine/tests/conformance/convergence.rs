@@ -21,7 +21,13 @@ fn error(backend: Backend, integrator: IntegratorKind, e: f64, steps: f64) -> f6
     w.contact = ContactModel { tangential: LawChoice::named("none"), ..ContactModel::default() };
     for k in 0..PHASES {
         let gap = (k as f64 + 0.5) / PHASES as f64 * SPEED * dt;
-        w.particles.push_moving([0.02 * k as f64, 0.0, RADIUS + gap], RADIUS, 0, [0.0, 0.0, -SPEED], [0.0; 3]);
+        w.particles.push_moving(
+            [0.02 * k as f64, 0.0, RADIUS + gap],
+            RADIUS,
+            0,
+            [0.0, 0.0, -SPEED],
+            [0.0; 3],
+        );
     }
     w.surfaces = vec![plane([0.0, 0.0, 1.0], [0.0; 3])];
     let mut run = Run::new(backend, w);
@@ -52,6 +58,9 @@ pub fn orders_of_the_integrators(backend: Backend) {
         assert!((low..high).contains(&elastic), "{name}: the elastic error falls by {elastic:.2} a halving");
         // Order 1 to 1.4; over five halvings, because single ones scatter with the phase of the end.
         let damped = falls(0.5, 50.0, 5);
-        assert!((1.95..2.65).contains(&damped), "{name}: at e = 0.5 the error falls by {damped:.2} a halving");
+        assert!(
+            (1.95..2.65).contains(&damped),
+            "{name}: at e = 0.5 the error falls by {damped:.2} a halving"
+        );
     }
 }

@@ -46,7 +46,13 @@ pub fn the_ledger_closes(backend: Backend) {
     for i in 0..64 {
         let at = [i % 4, i / 4 % 4, i / 16].map(|k| (2.05 * f64::from(k) + 1.05) * RADIUS);
         let jitter = r.vector(5e-5);
-        w.particles.push_moving(add(at, jitter), RADIUS * (0.85 + 0.15 * r.unit()), 0, r.vector(0.3), r.vector(50.0));
+        w.particles.push_moving(
+            add(at, jitter),
+            RADIUS * (0.85 + 0.15 * r.unit()),
+            0,
+            r.vector(0.3),
+            r.vector(50.0),
+        );
     }
     let mut batch = Batch::new(vec![w], backend).map_err(|e| e.1).unwrap();
     let mut last = Last::default();
@@ -57,7 +63,10 @@ pub fn the_ledger_closes(backend: Backend) {
     let sample = last.0.unwrap();
     let l = sample.ledger;
     let lost = l.dissipated();
-    assert!(lost > 0.5 * (l.initial - l.potential) && l.friction > 0.02 * lost && l.rolling > 0.02 * lost, "{l:?}");
+    assert!(
+        lost > 0.5 * (l.initial - l.potential) && l.friction > 0.02 * lost && l.rolling > 0.02 * lost,
+        "{l:?}"
+    );
     assert!(l.integrator().abs() < CLOSURE * lost, "{:.2} % of {l:?}", 100.0 * l.integrator() / lost);
 }
 
@@ -76,7 +85,8 @@ pub fn surfaces_account_for_momentum_and_work(backend: Backend) {
     assert_eq!(run.moment().surface_contacts, 0);
     let after = (run.bodies(), run.moment().kinetic());
     let impulse = run.g.impulse[0].map(|f| f * run.c.dt);
-    let gained = before.0.iter().zip(&after.0).fold([0.0; 3], |sum, (b, a)| add(sum, scale(sub(a.v, b.v), a.mass)));
+    let gained =
+        before.0.iter().zip(&after.0).fold([0.0; 3], |sum, (b, a)| add(sum, scale(sub(a.v, b.v), a.mass)));
     let force = [impulse[0], impulse[1], impulse[2]];
     assert!(norm(gained) > 1e-6);
     assert!(norm(add(force, gained)) < BALANCE * norm(gained), "impulse {force:?}, momentum {gained:?}");

@@ -65,11 +65,8 @@ fn trajectory(backend: Backend, w: WorldSpec) -> Vec<Vec<Body>> {
 
 fn assert_same(what: &str, a: &[Vec<Body>], b: &[Vec<Body>]) {
     for (k, (a, b)) in a.iter().flatten().zip(b.iter().flatten()).enumerate() {
-        let off = [
-            norm(sub(a.x, b.x)) / RADIUS,
-            norm(sub(a.v, b.v)) / SPEED,
-            norm(sub(a.w, b.w)) * RADIUS / SPEED,
-        ];
+        let off =
+            [norm(sub(a.x, b.x)) / RADIUS, norm(sub(a.v, b.v)) / SPEED, norm(sub(a.w, b.w)) * RADIUS / SPEED];
         assert!(
             off[0] < POSITION && off[1] < VELOCITY && off[2] < VELOCITY,
             "{what}: sphere {} in frame {} is off by {off:.2?} (place, velocity, spin)",
@@ -83,7 +80,8 @@ pub fn any_triangulation_is_one_plane(backend: Backend) {
     let (two, many) = (rectangle([-0.03; 2], [0.03; 2]), crumpled(0.03, 40));
     for tilt in [0.0, FRAC_PI_6] {
         for side in [1.0, -1.0] {
-            let pose = Pose { translation: [0.003, 0.001, -0.002], rotation: quaternion([0.6, 0.8, 0.0], tilt) };
+            let pose =
+                Pose { translation: [0.003, 0.001, -0.002], rotation: quaternion([0.6, 0.8, 0.0], tilt) };
             let normal = rotate(pose.rotation, [0.0, 0.0, side]);
             let flat = trajectory(backend, on_floor(plane(normal, pose.translation), pose, side));
             assert!(flat[9][2].x[0] - flat[0][2].x[0] > 2.0 * RADIUS, "the test has no way to roll");
@@ -159,7 +157,8 @@ pub fn a_convex_edge_acts_once(backend: Backend) {
 
 pub fn concave_corners_act_on_each_side(backend: Backend) {
     let (vertices, triangles) = crumpled(0.02, 30);
-    let floor = |rotation| mesh(vertices.clone(), triangles.clone(), Pose { translation: [0.0; 3], rotation });
+    let floor =
+        |rotation| mesh(vertices.clone(), triangles.clone(), Pose { translation: [0.0; 3], rotation });
     let quarter = std::f64::consts::FRAC_PI_2;
     let sides = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(|axis| quaternion(axis, quarter));
     let near = 0.99 * RADIUS;
@@ -169,7 +168,8 @@ pub fn concave_corners_act_on_each_side(backend: Backend) {
         // One mesh of all sides, and each side a mesh of its own, mean the same.
         let mut w = open_world([0.0; 3], 0.2, 1e-6, grain(1.0, 0.0));
         w.particles.push(at, RADIUS, 0);
-        w.surfaces = std::iter::once(floor([1.0, 0.0, 0.0, 0.0])).chain(sides.map(floor)).take(walls + 1).collect();
+        w.surfaces =
+            std::iter::once(floor([1.0, 0.0, 0.0, 0.0])).chain(sides.map(floor)).take(walls + 1).collect();
         let mut apart = Run::new(backend, w.clone());
         let (mut all, mut faces) = (Vec::new(), Vec::new());
         for s in &w.surfaces {
@@ -188,4 +188,16 @@ pub fn concave_corners_act_on_each_side(backend: Backend) {
         let next = together.steps(1).bodies()[0].force;
         assert!(norm(sub(sum, next)) <= 1e-5 * norm(next), "on triangles {sum:?}, on the sphere {next:?}");
     }
+}
+
+/// A plane acts on what touches it, from either side, and on nothing far behind it.
+pub fn a_plane_ends_where_it_ends(backend: Backend) {
+    let mut w = open_world([0.0; 3], 0.2, 1e-6, grain(1.0, 0.0));
+    for (i, height) in [0.99, -0.99, -10.0, 10.0].into_iter().enumerate() {
+        w.particles.push([0.02 * i as f64, 0.0, height * RADIUS], RADIUS, 0);
+    }
+    w.surfaces = vec![plane([0.0, 0.0, 1.0], [0.0; 3])];
+    let forces: Vec<f64> = Run::new(backend, w).steps(1).bodies().iter().map(|b| b.force[2]).collect();
+    assert!(forces[0] > 0.0 && (forces[0] + forces[1]).abs() < 1e-5 * forces[0], "{forces:?}");
+    assert_eq!(forces[2..], [0.0, 0.0]);
 }

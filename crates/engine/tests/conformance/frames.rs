@@ -91,7 +91,12 @@ fn compose(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
     let (u, v) = ([a[1], a[2], a[3]], [b[1], b[2], b[3]]);
     let w = glebe_engine::lattice::cross(u, v);
     let d = glebe_engine::lattice::dot(u, v);
-    [a[0] * b[0] - d, a[0] * v[0] + b[0] * u[0] + w[0], a[0] * v[1] + b[0] * u[1] + w[1], a[0] * v[2] + b[0] * u[2] + w[2]]
+    [
+        a[0] * b[0] - d,
+        a[0] * v[0] + b[0] * u[0] + w[0],
+        a[0] * v[1] + b[0] * u[1] + w[1],
+        a[0] * v[2] + b[0] * u[2] + w[2],
+    ]
 }
 
 fn compare(backend: Backend, frame: Frame, integrator: IntegratorKind) {

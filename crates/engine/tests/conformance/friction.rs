@@ -5,7 +5,7 @@ use glebe_engine::lattice::norm;
 use glebe_engine::spec::{Vec3, WorldSpec};
 use glebe_physics::ContactModel;
 
-use crate::support::{Run, each_law, e_star, grain, has_spring, label, open_world, plane, sphere_mass};
+use crate::support::{Run, e_star, each_law, grain, has_spring, label, open_world, plane, sphere_mass};
 
 /// Relative excess over the cap that rounding may cause.
 const CAP: f64 = 1e-5;
@@ -24,7 +24,13 @@ pub fn total_force_stays_below_the_cap(backend: Backend) {
         for (along, spin) in [(0.05, 0.0), (0.5, 0.0), (0.0, 200.0), (0.3, -100.0)] {
             let mut w = open_world([0.0; 3], 0.1, 2e-6, grain(0.5, FRICTION));
             w.contact = contact.clone();
-            w.particles.push_moving([0.0, 0.0, 1.001 * RADIUS], RADIUS, 0, [along, 0.0, -0.5], [0.0, spin, 0.0]);
+            w.particles.push_moving(
+                [0.0, 0.0, 1.001 * RADIUS],
+                RADIUS,
+                0,
+                [along, 0.0, -0.5],
+                [0.0, spin, 0.0],
+            );
             w.surfaces = vec![plane([0.0, 0.0, 1.0], [0.0; 3])];
             let mut run = Run::new(backend, w);
             let mut touched = 0;
@@ -36,7 +42,10 @@ pub fn total_force_stays_below_the_cap(backend: Backend) {
                 }
                 let (tangential, cap) = (norm([f[0], f[1], 0.0]), FRICTION * (f[2] + attraction).max(0.0));
                 // The load is a difference of spring and dashpot; it vanishes at the end of a contact.
-                assert!(tangential <= cap * (1.0 + CAP) + 1e-6, "{name}: {tangential:e} N, the cap is {cap:e} N");
+                assert!(
+                    tangential <= cap * (1.0 + CAP) + 1e-6,
+                    "{name}: {tangential:e} N, the cap is {cap:e} N"
+                );
                 touched += 1;
                 slipped += u32::from(tangential > 0.999 * cap);
             }
@@ -56,8 +65,7 @@ pub fn a_sphere_slides_until_it_rolls(backend: Backend) {
     m.youngs_modulus = 5e6;
     let rolls = 2.0 * SPEED / (7.0 * FRICTION * G);
     // At rest on the plane from the start.
-    let overlap =
-        (0.75 * sphere_mass(RADIUS, &m) * G / (e_star(&m) * RADIUS.sqrt())).powf(2.0 / 3.0);
+    let overlap = (0.75 * sphere_mass(RADIUS, &m) * G / (e_star(&m) * RADIUS.sqrt())).powf(2.0 / 3.0);
     for dt in STEPS {
         let mut w = open_world([0.0; 3], 0.1, dt, m.clone());
         w.gravity = [0.0, 0.0, -G];
@@ -74,7 +82,11 @@ pub fn a_sphere_slides_until_it_rolls(backend: Backend) {
         run.steps((rolls / dt).round() as u64);
         let b = run.bodies()[0];
         let rolling = 5.0 / 7.0 * SPEED;
-        assert!((b.v[0] / rolling - 1.0).abs() < 2.0 * SLIDING, "dt {dt:e}: {} m/s instead of {rolling}", b.v[0]);
+        assert!(
+            (b.v[0] / rolling - 1.0).abs() < 2.0 * SLIDING,
+            "dt {dt:e}: {} m/s instead of {rolling}",
+            b.v[0]
+        );
         let past = b.v[0] - b.w[1] * (RADIUS - overlap);
         assert!(past.abs() < SLIDING * SPEED, "dt {dt:e}: it still slides at {past:e} m/s");
     }
@@ -96,7 +108,8 @@ fn block(dt: f64, along: f64, pull_share: f64) -> (WorldSpec, [f64; 3]) {
     w.gravity = [pull, 0.0, 0.0];
     w.particles.push_moving([0.0; 3], RADIUS, 0, [along, 0.0, 0.0], [0.0; 3]);
     let height = RADIUS - overlap;
-    w.surfaces = vec![plane([0.0, 0.0, 1.0], [0.0, 0.0, -height]), plane([0.0, 0.0, -1.0], [0.0, 0.0, height])];
+    w.surfaces =
+        vec![plane([0.0, 0.0, 1.0], [0.0, 0.0, -height]), plane([0.0, 0.0, -1.0], [0.0, 0.0, height])];
     w.contact = ContactModel::default();
     (w, [load, mass, stretch])
 }
@@ -127,7 +140,10 @@ pub fn a_block_slides_and_sticks(backend: Backend) {
     };
     for dt in STEPS {
         let (x, v, _) = after(dt, 0.0, PULL, DURATION);
-        assert!(x[0].abs() < 1e-4 * RADIUS && v[0].abs() < 1e-3 * SPEED, "dt {dt:e}: held, it went {x:?} at {v:?}");
+        assert!(
+            x[0].abs() < 1e-4 * RADIUS && v[0].abs() < 1e-3 * SPEED,
+            "dt {dt:e}: held, it went {x:?} at {v:?}"
+        );
 
         let (_, v, friction) = after(dt, SPEED, PULL, DURATION);
         let gained = friction * (PULL / SLIDING_FRICTION - 1.0) * DURATION;

@@ -54,6 +54,7 @@ macro_rules! backend_suite {
                 floor::a_floor_of_one_period_is_a_plane,
                 floor::a_convex_edge_acts_once,
                 floor::concave_corners_act_on_each_side,
+                floor::a_plane_ends_where_it_ends,
                 convergence::orders_of_the_integrators,
                 precision::creep_is_not_lost,
                 precision::resting_overlap,

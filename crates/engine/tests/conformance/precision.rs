@@ -8,8 +8,8 @@ use glebe_engine::surface::quaternion;
 use glebe_physics::{ContactModel, LawChoice};
 
 use crate::support::{
-    Random, Run, affordable, assert_near, e_star, grain, mesh, open_world, plane, rectangle, states_are_exact,
-    turned,
+    Random, Run, affordable, assert_near, e_star, grain, mesh, open_world, plane, rectangle,
+    states_are_exact, turned,
 };
 
 /// Relative error of a creep path, of a resting overlap, and of a mean stress.
@@ -61,7 +61,8 @@ pub fn resting_overlap(backend: Backend) {
     const EXPECTED: f64 = 1.0174e-8;
     const RADIUS: f64 = 1e-3;
     const G: f64 = 9.8;
-    let tilted = |axis: Vec3, angle: f64| -> (&str, Vec3) { ("a tilted plane", turned([0.0, 0.0, 1.0], axis, angle)) };
+    let tilted =
+        |axis: Vec3, angle: f64| -> (&str, Vec3) { ("a tilted plane", turned([0.0, 0.0, 1.0], axis, angle)) };
     let grounds = [
         ("a plane", [0.0, 0.0, 1.0]),
         tilted([0.0, 1.0, 0.0], std::f64::consts::FRAC_PI_6),
@@ -72,7 +73,9 @@ pub fn resting_overlap(backend: Backend) {
         for (what, normal) in grounds {
             let mut w = open_world([0.0; 3], half, 2e-6, grain(1.0, 0.0));
             w.contact = ContactModel {
-                normal: LawChoice::named("hertz-stiffness").with("stiffness", 4.472_136e6).with("damping", 2e7),
+                normal: LawChoice::named("hertz-stiffness")
+                    .with("stiffness", 4.472_136e6)
+                    .with("damping", 2e7),
                 tangential: LawChoice::named("none"),
                 ..ContactModel::default()
             };
