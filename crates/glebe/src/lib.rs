@@ -25,3 +25,4 @@ pub use glebe_report as report;
 pub mod cli;
 pub mod run;
 pub mod templates;
+pub mod validate;

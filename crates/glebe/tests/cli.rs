@@ -48,7 +48,7 @@ const MISTAKES: &[Bad] = &[
     Bad {
         from: "box = { min = [-0.02, -0.02, 0.02], max = [0, 0.02, 0.2] }",
         to: "file = \"nan.stl\"",
-        says: &["nan.stl", "line 4", "not a"],
+        says: &["nan.stl", "line 4", "finite numbers"],
     },
     Bad {
         from: "count = 250\nradius = { uniform = [\"6 mm\", \"9 mm\"] }\nfill = \"rain\"",

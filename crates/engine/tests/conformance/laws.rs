@@ -20,7 +20,7 @@ const GAIN: f64 = 1e-6;
 /// Relative error of the size of the tangential force of a contact turned rigidly once around, and of the force
 /// as a vector: projecting the spring turns it by half the square of the step's angle, 2π/1000 here.
 const TURN: f64 = 1e-4;
-const TURN_VECTOR: f64 = 5e-3;
+const TURN_VECTOR: f64 = 1e-2;
 
 const RADIUS: f64 = 2e-3;
 
@@ -165,7 +165,7 @@ pub fn a_contact_that_turns_keeps_its_force(backend: Backend) {
             let mut run = Run::new(backend, w);
             run.steps(1);
             run.edit(|_, state| {
-                state.contacts[0].history[..4].copy_from_slice(&[0.0, 1e-6, 5e-7, 0.0]);
+                state.contacts[0].history[..4].copy_from_slice(&[0.0, 1e-5, 5e-6, 0.0]);
             });
             let mut first = [0.0; 3];
             for step in 0..=STEPS {

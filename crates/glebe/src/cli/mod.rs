@@ -39,6 +39,7 @@ enum Verb {
     New(new::Args),
     Check(check::Args),
     Run(run::Args),
+    Validate(crate::validate::ValidateArgs),
     Devices(devices::Args),
     /// Prints the JSON Schema of scene files, for editors
     #[command(after_help = "\
@@ -67,6 +68,7 @@ pub fn main() -> ExitCode {
         Verb::New(args) => new::run(&args, &ui),
         Verb::Check(args) => check::run(&args, &ui),
         Verb::Run(args) => run::run(&args, &ui),
+        Verb::Validate(args) => validate(&args, &ui),
         Verb::Devices(args) => devices::run(&args, &ui),
         Verb::Schema => {
             ui.print(&format!("{:#}", glebe_io::scene::schema()));
@@ -80,6 +82,15 @@ pub fn main() -> ExitCode {
         }
     };
     ui.end(ended)
+}
+
+fn validate(args: &crate::validate::ValidateArgs, ui: &Ui) -> Result<Ended, Problem> {
+    match crate::validate::run(args, ui) {
+        Ok(true) => Ok(Ended::Done),
+        Ok(false) => Ok(Ended::Unmet),
+        Err(e) if e.exit_code() == 2 => Err(Problem::Input(e.to_string())),
+        Err(e) => Err(Problem::Failed(e.to_string())),
+    }
 }
 
 /// Help, the version, or a command line that makes no sense (exit code 2).

@@ -14,6 +14,8 @@ use crate::run::RunError;
 pub enum Ended {
     /// All of it: exit code 0.
     Done,
+    /// All of it, and the outcome is not the expected one: exit code 1.
+    Unmet,
     /// Up to where the user stopped it: exit code 130.
     Interrupted,
 }
@@ -107,6 +109,7 @@ impl Ui {
     pub(super) fn end(&self, ended: Result<Ended, Problem>) -> ExitCode {
         let problem = match ended {
             Ok(Ended::Done) => return ExitCode::SUCCESS,
+            Ok(Ended::Unmet) => return ExitCode::from(1),
             Ok(Ended::Interrupted) => return ExitCode::from(130),
             Err(problem) => problem,
         };

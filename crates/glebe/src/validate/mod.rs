@@ -22,7 +22,9 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use glebe_io::output::OutputError;
 
 pub use case::{Case, CaseError, Findings, Metric, Outcome};
+use crate::cli::Ui;
 use trial::Trial;
+pub(crate) use trial::power_law;
 
 /// Every case, in the order in which they run.
 const CASES: &[Case] = &[a1::CASE, a3::CASE, b1::CASE, b10::CASE, b11::CASE];
@@ -34,6 +36,13 @@ pub fn cases() -> &'static [Case] {
 
 /// What `glebe validate` is asked for.
 #[derive(clap::Args, Clone, Debug)]
+#[command(after_help = "\
+Examples:
+  glebe validate --quick
+  glebe validate A1 oblique-impact --out figures
+  glebe validate --quick --json
+
+Exit codes: 0 all passed, 1 a case failed, 2 no such case.")]
 pub struct ValidateArgs {
     /// Cases by id or name; all if none is named
     #[arg(value_name = "NAME", value_parser = names(), ignore_case = true, hide_possible_values = true)]
@@ -41,14 +50,11 @@ pub struct ValidateArgs {
     /// Smaller sizes: all cases together take about two minutes on two cores
     #[arg(long)]
     pub quick: bool,
-    /// Prints the results as JSON
-    #[arg(long)]
-    pub json: bool,
     /// Folder for figures and results.json; those of an earlier validation in it are replaced
     #[arg(long, value_name = "DIR", default_value = "validation-results")]
     pub out: PathBuf,
-    /// Threads to use; all cores if not given
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    /// Threads to use [default: all]; results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub threads: Option<u16>,
 }
 
@@ -95,32 +101,30 @@ impl ValidateError {
     }
 }
 
-/// Runs the cases asked for, prints them as they end (or all as JSON), and writes their figures.
+/// Runs the cases asked for, prints each as it ends (or all as JSON), and writes their figures.
 ///
 /// Returns whether all passed; `glebe validate` then exits with 0, else with 1.
 ///
 /// # Errors
 /// An unknown case; a scene that cannot be built or run; results that cannot be written.
-pub fn run(args: &ValidateArgs) -> Result<bool, ValidateError> {
+pub fn run(args: &ValidateArgs, ui: &Ui) -> Result<bool, ValidateError> {
     let chosen = select(&args.names)?;
     output::claim(&args.out, &chosen)?;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(args.threads.map_or(0, usize::from)).build()?;
+    let threads = args.threads.map_or(0, usize::from);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let mut outcomes = Vec::new();
     for case in chosen {
+        ui.note(&format!("running {} {}", case.id, case.name));
         let outcome = pool.install(|| evaluate(case, args.quick))?;
         output::write_figures(&args.out, &outcome)?;
-        if !args.json {
-            output::print(&outcome, &args.out);
+        if !ui.json() {
+            ui.print(&output::table(&outcome, &args.out));
         }
         outcomes.push(outcome);
     }
-    let json = output::json(&outcomes, args.quick);
-    output::write_results(&args.out, &json)?;
-    if args.json {
-        println!("{json}");
-    } else {
-        output::print_verdict(&outcomes);
-    }
+    let value = output::json(&outcomes, args.quick);
+    output::write_results(&args.out, &value)?;
+    ui.result(&value, &output::verdict_of(&outcomes));
     Ok(outcomes.iter().all(Outcome::passed))
 }
 

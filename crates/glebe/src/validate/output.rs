@@ -1,5 +1,6 @@
 //! What a validation prints and leaves on disk.
 
+use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -50,12 +51,12 @@ pub fn write_figures(folder: &Path, outcome: &Outcome) -> Result<(), OutputError
     })
 }
 
-pub fn write_results(folder: &Path, json: &str) -> Result<(), OutputError> {
-    write_atomic(&folder.join("results.json"), |out| writeln!(out, "{json}"))
+pub fn write_results(folder: &Path, json: &Value) -> Result<(), OutputError> {
+    write_atomic(&folder.join("results.json"), |out| writeln!(out, "{json:#}"))
 }
 
 /// `{"cases": [{"id", "name", "pass", "metrics": {name: {"value", "reference", "tolerance"}}, …}]}`
-pub fn json(outcomes: &[Outcome], quick: bool) -> String {
+pub fn json(outcomes: &[Outcome], quick: bool) -> Value {
     let case = |o: &Outcome| -> Value {
         json!({
             "id": o.case.id,
@@ -66,33 +67,39 @@ pub fn json(outcomes: &[Outcome], quick: bool) -> String {
             "seconds": o.seconds,
         })
     };
-    let all = json!({ "cases": outcomes.iter().map(case).collect::<Vec<_>>(), "quick": quick });
-    format!("{all:#}")
+    json!({ "cases": outcomes.iter().map(case).collect::<Vec<_>>(), "quick": quick })
 }
 
 /// One case as a table.
-pub fn print(outcome: &Outcome, folder: &Path) {
+pub fn table(outcome: &Outcome, folder: &Path) -> String {
     let case = outcome.case;
-    println!("{} {} [{:.1} s]: {}", case.id, case.name, outcome.seconds, verdict(outcome.passed()));
-    println!("  {}", case.shows);
-    println!("  {}", case.source);
-    println!("  {:<44} {:>12} {:>12} {:>12}", "", "value", "reference", "tolerance");
+    let mut text = format!("{} {} [{:.1} s]: ", case.id, case.name, outcome.seconds);
+    text += verdict(outcome.passed());
+    // Writing to a string does not fail.
+    let mut line = |l: std::fmt::Arguments<'_>| {
+        let _ = write!(text, "\n  {l}");
+    };
+    line(format_args!("{}", case.shows));
+    line(format_args!("{}", case.source));
+    line(format_args!("{:<48} {:>12} {:>12} {:>12}", "", "value", "reference", "tolerance"));
     for (name, m) in &outcome.findings.metrics {
         let [value, reference, tolerance] = [m.value, m.reference, m.tolerance].map(number);
-        println!("  {name:<44} {value:>12} {reference:>12} {tolerance:>12}  {}", verdict(m.passed()));
+        let verdict = verdict(m.passed());
+        line(format_args!("{name:<48} {value:>12} {reference:>12} {tolerance:>12}  {verdict}"));
     }
     for (name, value) in &outcome.findings.reported {
-        println!("  {name:<44} {:>12} {:>12} {:>12}", number(*value), "-", "-");
+        line(format_args!("{name:<48} {:>12} {:>12} {:>12}", number(*value), "-", "-"));
     }
     for (figure, _) in &outcome.findings.figures {
-        println!("  {}", figure_path(folder, case, figure).display());
+        line(format_args!("{}", figure_path(folder, case, figure).display()));
     }
-    println!();
+    text
 }
 
-pub fn print_verdict(outcomes: &[Outcome]) {
+/// The last line.
+pub fn verdict_of(outcomes: &[Outcome]) -> String {
     let passed = outcomes.iter().filter(|o| o.passed()).count();
-    println!("{passed} of {} cases passed", outcomes.len());
+    format!("{passed} of {} cases passed", outcomes.len())
 }
 
 fn verdict(passed: bool) -> &'static str {

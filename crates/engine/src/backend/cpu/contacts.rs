@@ -1,6 +1,6 @@
 //! Forces: candidates that touch are gathered into lanes, evaluated and scattered.
 
-use glebe_physics::kernel::vector::{V3, cross, dot, minus, plus, scaled};
+
 
 use super::lanes::{LANES, Lanes, Pair};
 use super::super::common::Standing;
@@ -40,25 +40,6 @@ pub struct Phase<'a> {
     pub dt: f32,
 }
 
-/// A contact whose dissipation is accounted once velocities after the step are known.
-#[derive(Clone, Copy, Debug)]
-pub struct Record {
-    /// First particle.
-    pub i: u32,
-    /// Second particle; `u32::MAX` for a surface.
-    pub j: u32,
-    /// Lever arms \[m\].
-    pub arm: [f32; 2],
-    /// Unit vector from i to j.
-    pub n: [f32; 3],
-    /// Dashpots' force on i \[N\].
-    pub dash: [f32; 3],
-    /// Rolling torques \[N m\].
-    pub roll: [[f32; 3]; 2],
-    /// Velocity and spin of a surface.
-    pub surface: [[f32; 3]; 2],
-}
-
 /// Force and torque of one surface contact.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePull {
@@ -72,6 +53,8 @@ pub struct SurfacePull {
     pub force: [f32; 3],
     /// Torque on the particle \[N m\].
     pub torque: [f32; 3],
+    /// The dissipating part of both.
+    pub drain: [[f32; 3]; 2],
 }
 
 /// What a block's phase finds.
@@ -84,8 +67,8 @@ pub struct Found {
     pub on_surface: Vec<[f64; 6]>,
     /// Work done by surfaces on particles in the step \[J\].
     pub work: f64,
-    /// Contacts for the ledger.
-    pub records: Vec<Record>,
+    /// Work that dashpots and rolling resistance do, with velocities before the step \[W\].
+    pub drain: [f64; 2],
     /// Energy of normal springs and cohesion \[J\].
     pub energy_normal: f64,
     /// Energy of tangential springs \[J\].
@@ -133,11 +116,12 @@ fn block_phase(
     ph: &Phase<'_>,
     block: &mut Block,
     pull: &mut [Pull],
+    drain: &mut [Pull],
     found: &mut Found,
     scratch: &mut Scratch,
 ) {
     found.surface.clear();
-    found.records.clear();
+    found.drain = [0.0; 2];
     found.pairs.clear();
     found.on_surface.clear();
     found.on_surface.resize(ph.c.spec.surfaces.len(), [0.0; 6]);
@@ -148,12 +132,19 @@ fn block_phase(
     found.friction_loss = 0.0;
     found.worst = (0.0, 0, 0);
     found.contacts = [0; 2];
-    pairs(ph, block, pull, found, scratch);
+    pairs(ph, block, pull, drain, found, scratch);
     surfaces(ph, block, found, scratch);
 }
 
 #[inline(always)]
-fn pairs(ph: &Phase<'_>, block: &mut Block, pull: &mut [Pull], found: &mut Found, scratch: &mut Scratch) {
+fn pairs(
+    ph: &Phase<'_>,
+    block: &mut Block,
+    pull: &mut [Pull],
+    drain: &mut [Pull],
+    found: &mut Found,
+    scratch: &mut Scratch,
+) {
     let Scratch { lanes, owner, .. } = scratch;
     let (p, materials) = (ph.p, ph.c.spec.materials.len());
     let h = ph.c.history.len();
@@ -181,13 +172,16 @@ fn pairs(ph: &Phase<'_>, block: &mut Block, pull: &mut [Pull], found: &mut Found
                     block.touching[k] = false;
                     block.history[k * h..(k + 1) * h].fill(0.0);
                     pull[k] = Pull::default();
+                    if ph.ledger {
+                        drain[k] = Pull::default();
+                    }
                 }
                 continue;
             }
             let wj = &p.spin[j];
             let pair = wi.material as usize * materials + wj.material as usize;
             if used == LANES || (pair != current && used > 0) {
-                flush_pairs(ph, current, block, pull, found, lanes, &owner[..used]);
+                flush_pairs(ph, current, block, pull, drain, found, lanes, &owner[..used]);
                 used = 0;
             }
             current = pair;
@@ -213,7 +207,7 @@ fn pairs(ph: &Phase<'_>, block: &mut Block, pull: &mut [Pull], found: &mut Found
         }
     }
     if used > 0 {
-        flush_pairs(ph, current, block, pull, found, lanes, &owner[..used]);
+        flush_pairs(ph, current, block, pull, drain, found, lanes, &owner[..used]);
     }
 }
 
@@ -223,6 +217,7 @@ fn flush_pairs(
     pair: usize,
     block: &mut Block,
     pull: &mut [Pull],
+    drain: &mut [Pull],
     found: &mut Found,
     lanes: &mut Lanes,
     owner: &[Owner],
@@ -257,24 +252,14 @@ fn flush_pairs(
             }
         }
     }
-    if ph.ledger && ph.purpose == Purpose::Step {
+    if ph.ledger {
         for l in 0..used {
-            found.records.push(record(lanes, l, owner[l].i, owner[l].j, [[0.0; 3]; 2]));
+            drain[owner[l].k as usize] = Pull {
+                force: of(&lanes.dash, l),
+                torque: of(&lanes.drain[0], l),
+                torque_other: of(&lanes.drain[1], l),
+            };
         }
-    }
-}
-
-#[inline(always)]
-fn record(lanes: &Lanes, l: usize, i: u32, j: u32, surface: [[f32; 3]; 2]) -> Record {
-    let of = |lane: &[[f32; LANES]; 3]| [lane[0][l], lane[1][l], lane[2][l]];
-    Record {
-        i,
-        j,
-        arm: [lanes.arm[0][l], lanes.arm[1][l]],
-        n: of(&lanes.n),
-        dash: of(&lanes.dash),
-        roll: [of(&lanes.roll[0]), of(&lanes.roll[1])],
-        surface,
     }
 }
 
@@ -285,6 +270,8 @@ fn sum_energies(found: &mut Found, lanes: &Lanes, used: usize) {
         found.energy_tangential += f64::from(lanes.energy_tangential[l]);
         found.energy_before += f64::from(lanes.energy_before[l]);
         found.friction_loss += f64::from(lanes.friction_loss[l]);
+        found.drain[0] += f64::from(lanes.dash_power[l]);
+        found.drain[1] += f64::from(lanes.roll_power[l]);
     }
 }
 
@@ -419,6 +406,7 @@ fn scatter_surfaces(
             triangle: m.at.triangle,
             force,
             torque,
+            drain: [of(&lanes.dash), of(&lanes.drain[0])],
         });
         if ph.purpose != Purpose::Step {
             continue;
@@ -440,32 +428,25 @@ fn scatter_surfaces(
                         + f64::from(lanes.torque[1][x][l]) * f64::from(wall[1][x]));
             }
         }
-        if ph.ledger {
-            found.records.push(record(lanes, l, m.i, u32::MAX, wall));
-        }
     }
     sum_energies(found, lanes, group.len());
 }
 
-/// Energy that dashpots and rolling resistance take in a step \[J\], with velocities at mid-step: the mean
-/// of `old` and `new`, with which the change of kinetic energy is exact for a force held over the step.
-pub fn dissipated(records: &[Record], dt: f32, mid: impl Fn(usize) -> (V3, V3)) -> [f64; 2] {
-    let vec = |a: [f32; 3]| V3 { x: a[0], y: a[1], z: a[2] };
-    let (mut dashpots, mut rolling) = (0.0, 0.0);
-    for r in records {
-        let (vi, wi) = mid(r.i as usize);
-        let (vj, wj) =
-            if r.j == u32::MAX { (vec(r.surface[0]), vec(r.surface[1])) } else { mid(r.j as usize) };
-        let n = vec(r.n);
-        let spin = cross(plus(scaled(wi, r.arm[0]), scaled(wj, r.arm[1])), n);
-        let u = plus(minus(vi, vj), spin);
-        dashpots -= f64::from(dot(vec(r.dash), u)) * f64::from(dt);
-        rolling -= f64::from(dot(vec(r.roll[0]), wi) + dot(vec(r.roll[1]), wj)) * f64::from(dt);
-    }
-    [dashpots, rolling]
-}
-
 /// The forces of one block, with the widest instructions that the machine has.
-pub fn run(ph: &Phase<'_>, block: &mut Block, pull: &mut [Pull], found: &mut Found, scratch: &mut Scratch) {
-    widest!(block_phase(ph: &Phase<'_>, block: &mut Block, pull: &mut [Pull], found: &mut Found, scratch: &mut Scratch));
+pub fn run(
+    ph: &Phase<'_>,
+    block: &mut Block,
+    pull: &mut [Pull],
+    drain: &mut [Pull],
+    found: &mut Found,
+    scratch: &mut Scratch,
+) {
+    widest!(block_phase(
+        ph: &Phase<'_>,
+        block: &mut Block,
+        pull: &mut [Pull],
+        drain: &mut [Pull],
+        found: &mut Found,
+        scratch: &mut Scratch,
+    ));
 }

@@ -81,6 +81,8 @@ pub struct Moved {
     pub runaway: Option<u32>,
     /// Lost to local damping \[J\].
     pub damped: f64,
+    /// Dissipating forces times changes of velocity \[W\].
+    pub drain: f64,
 }
 
 /// The contacts of a block's particles.
@@ -92,6 +94,8 @@ pub struct Contacts<'a> {
     pub pull: &'a [Pull],
     /// Transposed lists.
     pub incoming: &'a Incoming,
+    /// The dissipating part of `pull`; empty where no ledger is kept.
+    pub drain: &'a [Pull],
     /// The block's contacts with surfaces.
     pub surface: &'a [SurfacePull],
 }
@@ -101,34 +105,54 @@ impl Contacts<'_> {
     /// candidates, as second in the order of the transposed lists, then surfaces from `at` on. Pairs that do
     /// not touch add zero.
     #[inline(always)]
-    pub fn sum(&self, local: usize, at: &mut usize) -> ([f32; 3], [f32; 3]) {
+    pub fn sum(&self, local: usize, at: &mut usize) -> Sums {
+        let mut s = Sums::default();
+        s.add(self, self.pull, local, 0);
+        if !self.drain.is_empty() {
+            s.add(self, self.drain, local, 2);
+        }
+        while *at < self.surface.len() && self.surface[*at].local as usize == local {
+            let q = &self.surface[*at];
+            for x in 0..3 {
+                s.0[0][x] += q.force[x];
+                s.0[1][x] += q.torque[x];
+                s.0[2][x] += q.drain[0][x];
+                s.0[3][x] += q.drain[1][x];
+            }
+            *at += 1;
+        }
+        s
+    }
+}
+
+/// Force and torque of a particle, and the dissipating part of both \[N\], \[N m\].
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sums(pub [[f32; 3]; 4]);
+
+impl Sums {
+    #[inline(always)]
+    fn add(&mut self, c: &Contacts<'_>, pull: &[Pull], local: usize, to: usize) {
         let mut f = [0.0_f32; 3];
         let mut t = [0.0_f32; 3];
-        let base = self.incoming.base[self.block.first / BLOCK];
-        let own = (base + self.block.start[local]) as usize..(base + self.block.start[local + 1]) as usize;
-        for q in &self.pull[own] {
+        let base = c.incoming.base[c.block.first / BLOCK];
+        let own = (base + c.block.start[local]) as usize..(base + c.block.start[local + 1]) as usize;
+        for q in &pull[own] {
             for x in 0..3 {
                 f[x] += q.force[x];
                 t[x] += q.torque[x];
             }
         }
-        let j = self.block.first + local;
-        let others = self.incoming.start[j] as usize..self.incoming.start[j + 1] as usize;
-        for &k in &self.incoming.entry[others] {
-            let q = &self.pull[k as usize];
+        let j = c.block.first + local;
+        let others = c.incoming.start[j] as usize..c.incoming.start[j + 1] as usize;
+        for &k in &c.incoming.entry[others] {
+            let q = &pull[k as usize];
             for x in 0..3 {
                 f[x] -= q.force[x];
                 t[x] += q.torque_other[x];
             }
         }
-        while *at < self.surface.len() && self.surface[*at].local as usize == local {
-            for x in 0..3 {
-                f[x] += self.surface[*at].force[x];
-                t[x] += self.surface[*at].torque[x];
-            }
-            *at += 1;
-        }
-        (f, t)
+        self.0[to] = f;
+        self.0[to + 1] = t;
     }
 }
 
@@ -144,8 +168,18 @@ pub fn advance<S: Scheme>(
     let Some(contacts) = contacts else { return before::<S>(c, s, moved) };
     let mut at = 0;
     for i in 0..c.place.len() {
-        let (f, t) = contacts.sum(i, &mut at);
-        after::<S>(c, s, i, f, t, first, moved);
+        let sums = contacts.sum(i, &mut at);
+        after::<S>(c, s, i, sums.0[0], sums.0[1], first, moved);
+        if contacts.drain.is_empty() {
+            continue;
+        }
+        // The power of the dissipating forces was taken with velocities before the step; this adds what the
+        // change of velocity makes of it.
+        let (v, w) = (&c.velocity[i].v, &c.spin[i].w);
+        let (v_new, w_new) = (&c.velocity_new[i].v, &c.spin_new[i].w);
+        for k in 0..3 {
+            moved.drain += f64::from(sums.0[2][k] * (v_new[k] - v[k]) + sums.0[3][k] * (w_new[k] - w[k]));
+        }
     }
 }
 

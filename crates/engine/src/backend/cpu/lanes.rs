@@ -91,8 +91,12 @@ pub struct Lanes {
     pub torque: [Lane3; 2],
     /// The dashpots' part of the force on i \[N\].
     pub dash: Lane3,
-    /// Rolling torques \[N m\].
-    pub roll: [Lane3; 2],
+    /// Torques of dashpots and rolling resistance on i and on j \[N m\].
+    pub drain: [Lane3; 2],
+    /// Power of the dashpots \[W\].
+    pub dash_power: Lane,
+    /// Power of rolling resistance \[W\].
+    pub roll_power: Lane,
     /// Energy of normal spring and cohesion \[J\].
     pub energy_normal: Lane,
     /// Energy of the tangential spring \[J\].
@@ -133,7 +137,9 @@ impl Default for Lanes {
             force: l3,
             torque: [l3; 2],
             dash: l3,
-            roll: [l3; 2],
+            drain: [l3; 2],
+            dash_power: l,
+            roll_power: l,
             energy_normal: l,
             energy_tangential: l,
             energy_before: l,
@@ -296,9 +302,12 @@ impl Lanes {
             let load = self.load(l);
             put(&mut self.force, l, scaled(n, self.attraction[l] - load));
             put(&mut self.dash, l, scaled(n, -self.viscous[l]));
+            self.dash_power[l] = -self.viscous[l] * self.vn[l];
             for k in 0..3 {
                 self.torque[0][k][l] = 0.0;
                 self.torque[1][k][l] = 0.0;
+                self.drain[0][k][l] = 0.0;
+                self.drain[1][k][l] = 0.0;
             }
             self.energy_tangential[l] = 0.0;
             self.energy_before[l] = 0.0;
@@ -324,7 +333,12 @@ impl Lanes {
             history[3][l] = t.slip;
             let couple = cross(n, t.force);
             put(&mut self.force, l, plus(scaled(n, self.attraction[l] - load), t.force));
-            put(&mut self.dash, l, plus(scaled(n, -self.viscous[l]), minus(t.force, t.spring)));
+            let dash = minus(t.force, t.spring);
+            self.dash_power[l] = dot(dash, at(&self.vt, l)) - self.viscous[l] * self.vn[l];
+            put(&mut self.dash, l, plus(scaled(n, -self.viscous[l]), dash));
+            let drag = cross(n, dash);
+            put(&mut self.drain[0], l, scaled(drag, self.arm[0][l]));
+            put(&mut self.drain[1], l, scaled(drag, self.arm[1][l]));
             put(&mut self.torque[0], l, scaled(couple, self.arm[0][l]));
             put(&mut self.torque[1], l, scaled(couple, self.arm[1][l]));
             self.energy_tangential[l] = t.energy;
@@ -420,13 +434,12 @@ impl rolling::Visitor for RollingLoop<'_> {
                     dt,
                 },
             );
-            put(&mut lanes.roll[0], l, t.on_i);
-            put(&mut lanes.roll[1], l, t.on_j);
-            for (k, (on_i, on_j)) in
-                [(t.on_i.x, t.on_j.x), (t.on_i.y, t.on_j.y), (t.on_i.z, t.on_j.z)].into_iter().enumerate()
-            {
-                lanes.torque[0][k][l] += on_i;
-                lanes.torque[1][k][l] += on_j;
+            lanes.roll_power[l] = dot(t.on_i, at(&lanes.w[0], l)) + dot(t.on_j, at(&lanes.w[1], l));
+            for (s, on) in [t.on_i, t.on_j].into_iter().enumerate() {
+                let torque = plus(at(&lanes.torque[s], l), on);
+                let drain = plus(at(&lanes.drain[s], l), on);
+                put(&mut lanes.torque[s], l, torque);
+                put(&mut lanes.drain[s], l, drain);
             }
         }
     }

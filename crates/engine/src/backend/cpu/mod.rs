@@ -18,10 +18,9 @@ use std::time::Instant;
 
 use glebe_physics::IntegratorKind;
 use glebe_physics::kernel::integrate::{Scheme, Visitor, visit};
-use glebe_physics::kernel::vector::V3;
 use rayon::prelude::*;
 
-use self::contacts::{Found, Phase, Purpose, Scratch, dissipated, run};
+use self::contacts::{Found, Phase, Purpose, Scratch, run};
 use self::integrate::{Columns, Contacts, Moved, Step, advance};
 use self::lanes::Pair;
 use self::list::{BLOCK, Block, Incoming, Memory, Pull};
@@ -91,6 +90,8 @@ struct CpuWorld {
     blocks: Vec<Block>,
     /// What the last step found for each candidate of all blocks; zero where it does not touch.
     pull: Vec<Pull>,
+    /// The dissipating part of it; empty where no ledger is kept.
+    drain: Vec<Pull>,
     incoming: Incoming,
     found: Vec<Found>,
     moved: Vec<Moved>,
@@ -112,6 +113,7 @@ impl CpuWorld {
             p: Particles::default(),
             blocks: Vec::new(),
             pull: Vec::new(),
+            drain: Vec::new(),
             incoming: Incoming::default(),
             found: Vec::new(),
             moved: Vec::new(),
@@ -167,6 +169,10 @@ impl CpuWorld {
         self.incoming = list::incoming(&self.blocks, self.p.len());
         self.pull.clear();
         self.pull.resize(self.incoming.entry.len(), Pull::default());
+        self.drain.clear();
+        if self.c.spec.sampling.energy_ledger {
+            self.drain.resize(self.incoming.entry.len(), Pull::default());
+        }
         self.found.resize_with(self.blocks.len(), Found::default);
         self.moved.resize(self.blocks.len(), Moved::default());
         self.velocity_new.resize(self.p.len(), Velocity::default());
@@ -267,7 +273,7 @@ impl CpuWorld {
     /// Contacts of every block.
     fn forces(&mut self, purpose: Purpose) {
         let phase = Self::phase(&self.c, &self.pairs, &self.p, &self.standing, purpose);
-        each(&phase, &mut self.blocks, &mut self.pull, &mut self.found);
+        each(&phase, &mut self.blocks, [&mut self.pull, &mut self.drain], &mut self.found);
     }
 
     fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
@@ -314,10 +320,16 @@ impl CpuWorld {
     fn prime(&mut self) {
         for (b, block) in self.blocks.iter().enumerate() {
             let surface = &self.found[b].surface;
-            let contacts = Contacts { block, pull: &self.pull, incoming: &self.incoming, surface };
+            let contacts = Contacts {
+                block,
+                pull: &self.pull,
+                drain: &[],
+                incoming: &self.incoming,
+                surface,
+            };
             let mut at = 0;
             for local in 0..block.start.len() - 1 {
-                let (f, t) = contacts.sum(local, &mut at);
+                let [f, t, ..] = contacts.sum(local, &mut at).0;
                 let i = block.first + local;
                 let (r, inv_mass) = (self.p.place[i].radius, self.p.velocity[i].inv_mass);
                 for k in 0..3 {
@@ -354,22 +366,16 @@ impl CpuWorld {
         ledger.stiffness_change += before;
         ledger.damping += moved.damped;
         if self.c.spec.sampling.energy_ledger {
-            let dt = self.step.dt;
-            // `velocity_new` holds the velocities before the step: `motion` has exchanged the columns.
-            let (p, old_v, old_w) = (&self.p, &self.velocity_new, &self.spin_new);
-            let mid = |i: usize| {
-                let half = |a: [f32; 3], b: [f32; 3]| {
-                    let m = [0, 1, 2].map(|k| if split { a[k] } else { 0.5 * (a[k] + b[k]) });
-                    V3 { x: m[0], y: m[1], z: m[2] }
-                };
-                (half(p.velocity[i].v, old_v[i].v), half(p.spin[i].w, old_w[i].w))
-            };
-            let lost: Vec<[f64; 2]> =
-                self.found.par_iter().map(|f| dissipated(&f.records, dt, mid)).collect();
-            for [dashpots, rolling] in lost {
-                ledger.dashpots += dashpots;
-                ledger.rolling += rolling;
-            }
+            // Mid-step velocity: the mean of old and new, with which the change of kinetic energy is exact for
+            // a force held over the step; in a split step the new one is already in the middle.
+            let dt = -self.c.dt;
+            let late = if split { 1.0 } else { 0.5 } * moved.drain;
+            let [dash, roll] =
+                self.found.iter().fold([0.0; 2], |s, f| [s[0] + f.drain[0], s[1] + f.drain[1]]);
+            // The late part is a sum over particles, not over contacts: it is shared as the early ones are.
+            let share = if dash + roll == 0.0 { 0.0 } else { roll / (dash + roll) };
+            ledger.dashpots += dt * (dash + (1.0 - share) * late);
+            ledger.rolling += dt * (roll + share * late);
         }
         g.account(&self.c, &forces);
     }
@@ -431,7 +437,7 @@ impl CpuWorld {
         let phase = Self::phase(&self.c, &self.pairs, &self.p, &self.standing, Purpose::Observe);
         let mut found: Vec<Found> = Vec::new();
         found.resize_with(self.blocks.len(), Found::default);
-        each(&phase, &mut self.blocks, &mut self.pull, &mut found);
+        each(&phase, &mut self.blocks, [&mut self.pull, &mut self.drain], &mut found);
         found
     }
 
@@ -510,24 +516,26 @@ impl CpuWorld {
                     + b.start.capacity() * 4
             })
             .sum();
-        let records: usize =
-            self.found.iter().map(|f| f.records.capacity() * size_of::<contacts::Record>()).sum();
-        self.p.len() * per_particle + lists + records + self.incoming.entry.len() * 8
+        let pulls = (self.pull.capacity() + self.drain.capacity()) * size_of::<Pull>();
+        self.p.len() * per_particle + lists + pulls + self.incoming.entry.len() * 4
     }
 }
 
 /// The contact phase over all blocks, on as many threads as pay.
-fn each(phase: &Phase<'_>, blocks: &mut [Block], mut pull: &mut [Pull], found: &mut [Found]) {
+fn each(phase: &Phase<'_>, blocks: &mut [Block], pulls: [&mut [Pull]; 2], found: &mut [Found]) {
+    let [mut pull, mut drain] = pulls;
     let mut work = Vec::with_capacity(blocks.len());
     for (block, found) in blocks.iter_mut().zip(found) {
-        let (own, rest) = pull.split_at_mut(block.partner.len());
-        pull = rest;
-        work.push((block, own, found));
+        let candidates = block.partner.len();
+        let (own, rest) = pull.split_at_mut(candidates);
+        let (own_drain, rest_drain) = drain.split_at_mut(candidates.min(drain.len()));
+        (pull, drain) = (rest, rest_drain);
+        work.push((block, own, own_drain, found));
     }
     // A block takes some tens of microseconds; fewer than four are not worth waking threads for.
     let min = if work.len() < 4 { 4 } else { 1 };
-    work.into_par_iter().with_min_len(min).for_each(|(block, pull, found)| {
-        SCRATCH.with_borrow_mut(|scratch| run(phase, block, pull, found, scratch));
+    work.into_par_iter().with_min_len(min).for_each(|(block, pull, drain, found)| {
+        SCRATCH.with_borrow_mut(|scratch| run(phase, block, pull, drain, found, scratch));
     });
 }
 
@@ -568,7 +576,8 @@ impl Visitor for Motion<'_> {
 
     fn visit<S: Scheme>(self) -> Moved {
         let Self { world: w, ahead, first } = self;
-        let (blocks, pull, incoming, found, s) = (&w.blocks, &w.pull[..], &w.incoming, &w.found, w.step);
+        let (blocks, incoming, found, s) = (&w.blocks, &w.incoming, &w.found, w.step);
+        let (pull, drain) = (&w.pull[..], &w.drain[..]);
         let p = &mut w.p;
         let columns = (
             p.place.par_chunks_mut(BLOCK),
@@ -619,7 +628,8 @@ impl Visitor for Motion<'_> {
                     force,
                     lo_ref,
                 };
-                let contacts = Contacts { block: &blocks[b], pull, incoming, surface: &found[b].surface };
+                let contacts =
+                    Contacts { block: &blocks[b], pull, drain, incoming, surface: &found[b].surface };
                 let contacts = (!ahead).then_some(contacts);
                 advance_widest::<S>(&mut c, &s, moved, contacts, first);
             },
@@ -630,6 +640,7 @@ impl Visitor for Motion<'_> {
             displacement: all.displacement.max(m.displacement),
             runaway: all.runaway.or(m.runaway),
             damped: all.damped + m.damped,
+            drain: all.drain + m.drain,
         })
     }
 }

@@ -5,22 +5,21 @@
 //! A state holds velocities in f32, so a reference that goes on from its own state does so from rounded
 //! values.
 
+mod contact;
+mod motion;
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use glebe_physics::kernel64::cohesion::{self, Attraction, Cohesion, CohesionLaw};
-use glebe_physics::kernel64::contact::{Coefficients, Touch, relative_velocity, tangential_part};
-use glebe_physics::kernel64::integrate::{self, Scheme, locally_damped};
-use glebe_physics::kernel64::normal::{self, Normal, NormalForce, NormalLaw, ended};
-use glebe_physics::kernel64::rolling::{self, Roll, Rolling, RollingLaw, Torques};
-use glebe_physics::kernel64::tangential::{
-    self, Friction, Spring, Tangential, TangentialForce, TangentialLaw, carried, slide,
-};
+use glebe_physics::IntegratorKind;
+use glebe_physics::kernel64::contact::relative_velocity;
+use glebe_physics::kernel64::integrate;
 use glebe_physics::kernel64::vector::{V3, cross, dot, minus, plus, scaled};
-use glebe_physics::{IntegratorKind, PairCoefficients};
 
+use self::contact::{Meeting, Pull};
+use self::motion::{Motion, Moved};
 use super::common::{
-    Portrait, Standing, images, outside, overlap_failure, quoted, runaway_distance, runaway_failure, too_deep,
+    Portrait, Standing, images, outside, overlap_failure, quoted, runaway_failure, too_deep,
 };
 use super::{Detail, Fleet, Job, Moment, PhaseTimes};
 use crate::failure::Failure;
@@ -130,31 +129,6 @@ enum Partner {
     Particle(usize),
     /// A triangle of a boundary.
     Surface { boundary: usize, triangle: usize },
-}
-
-/// Two bodies that touch, as laws see them.
-struct Meeting {
-    n: V3,
-    delta: f64,
-    arm: [f64; 2],
-    radius: [f64; 2],
-    inv_mass: [f64; 2],
-    inv_inertia: [f64; 2],
-    v: [V3; 2],
-    w: [V3; 2],
-    r_eff: f64,
-    diameter: f64,
-}
-
-/// What the laws find for a contact.
-struct Pull {
-    force: V3,
-    torque: [V3; 2],
-    /// The dashpots' part of the force, and the rolling part of the torques.
-    dash: V3,
-    roll: [V3; 2],
-    energy_normal: f64,
-    tangential: TangentialForce,
 }
 
 /// A contact of the present configuration.
@@ -333,12 +307,8 @@ impl World {
                 let id = [a.id, b.id];
                 let mut history =
                     self.pairs.get(&id).cloned().unwrap_or_else(|| vec![0.0; self.c.history.len()]);
-                let pull = self.evaluate(
-                    &meeting,
-                    self.c.pair(a.material as usize, b.material as usize),
-                    &mut history,
-                    dt,
-                );
+                let pair = self.c.pair(a.material as usize, b.material as usize);
+                let pull = meeting.pull(self.c.laws, pair, &mut history, dt);
                 memory.insert(id, history);
                 contacts.push(Contact { i, with: Partner::Particle(j), meeting, pull, arm: v3([0.0; 3]) });
             }
@@ -358,7 +328,7 @@ impl World {
                         take_nearest(&mut before, point.n).unwrap_or_else(|| vec![0.0; self.c.history.len()]);
                     let (meeting, arm) = self.on_surface(b, boundary, &point);
                     let pair = self.c.pair(b.material as usize, self.c.boundaries[boundary].material);
-                    let pull = self.evaluate(&meeting, pair, &mut history, dt);
+                    let pull = meeting.pull(self.c.laws, pair, &mut history, dt);
                     now.push((point.n, history));
                     let with = Partner::Surface { boundary, triangle: point.triangle as usize };
                     contacts.push(Contact { i, with, meeting, pull, arm });
@@ -431,69 +401,6 @@ impl World {
             diameter: 2.0 * b.radius,
         };
         (meeting, arm)
-    }
-
-    /// The laws of a contact: kinematics, cohesion, normal, tangential, rolling.
-    fn evaluate(&self, m: &Meeting, pair: &PairCoefficients, history: &mut [f64], dt: f64) -> Pull {
-        let laws = self.c.laws;
-        let ([vi, vj], [wi, wj]) = (m.v, m.w);
-        let u = relative_velocity(vi, vj, wi, wj, m.n, m.arm[0], m.arm[1]);
-        let vt = tangential_part(u, m.n);
-        let touch = Touch {
-            delta: m.delta,
-            vn: dot(u, m.n),
-            r_eff: m.r_eff,
-            m_eff: 1.0 / (m.inv_mass[0] + m.inv_mass[1]),
-            diameter: m.diameter,
-        };
-        let attraction =
-            CohesionLaw::ALL[laws.cohesion as usize].visit(CohesionOf(&coefficients(pair.cohesion), touch));
-        let normal = NormalLaw::ALL[laws.normal as usize].visit(NormalOf(&coefficients(pair.normal), touch));
-        let normal = ended(normal, pair.clip);
-        let load = normal.elastic + normal.viscous;
-
-        let law = TangentialLaw::ALL[laws.tangential as usize];
-        let spring = law.visit(SpringOf(&coefficients(pair.tangential), touch, normal));
-        let mut t = TangentialForce::default();
-        if !law.history().is_empty() {
-            let from = laws.normal.history().len();
-            let h = &mut history[from..from + 4];
-            let twist = 0.5 * dt * dot(plus(wi, wj), m.n);
-            let stretch = carried(V3 { x: h[0], y: h[1], z: h[2] }, m.n, twist);
-            let friction = Friction {
-                sliding: pair.friction[0],
-                sticking: pair.friction[1],
-                remember: pair.remember,
-                truncate: pair.truncate,
-            };
-            t = slide(stretch, h[3], spring, friction, load, vt, dt);
-            h.copy_from_slice(&[t.stretch.x, t.stretch.y, t.stretch.z, t.slip]);
-        }
-        let couple = cross(m.n, t.force);
-        let roll = Roll {
-            n: m.n,
-            wi,
-            wj,
-            couple,
-            arm_i: m.arm[0],
-            arm_j: m.arm[1],
-            r_i: m.radius[0],
-            r_j: m.radius[1],
-            inv_inertia_i: m.inv_inertia[0],
-            inv_inertia_j: m.inv_inertia[1],
-            r_eff: m.r_eff,
-            load: load.max(0.0),
-            dt,
-        };
-        let r = RollingLaw::ALL[laws.rolling as usize].visit(RollingOf(&coefficients(pair.rolling), roll));
-        Pull {
-            force: plus(scaled(m.n, attraction.force - load), t.force),
-            torque: [plus(scaled(couple, m.arm[0]), r.on_i), plus(scaled(couple, m.arm[1]), r.on_j)],
-            dash: plus(scaled(m.n, -normal.viscous), minus(t.force, t.spring)),
-            roll: [r.on_i, r.on_j],
-            energy_normal: normal.energy + attraction.energy,
-            tangential: t,
-        }
     }
 
     /// Force and torque of the contacts on every particle.
@@ -675,128 +582,6 @@ fn take_nearest(before: &mut Vec<Touched>, n: Vec3) -> Option<Vec<f64>> {
     let cosine = |t: &Touched| crate::lattice::dot(t.0, n);
     let nearest = (0..before.len()).max_by(|&a, &b| cosine(&before[a]).total_cmp(&cosine(&before[b])))?;
     (cosine(&before[nearest]) > 0.5).then(|| before.swap_remove(nearest).1)
-}
-
-/// What a motion finds.
-struct Moved {
-    /// Velocities and spins before it.
-    before: Vec<(V3, V3)>,
-    runaway: Option<usize>,
-    damped: f64,
-}
-
-struct Motion<'a> {
-    c: &'a Constants,
-    bodies: &'a mut [Body],
-    sums: Option<&'a [[V3; 2]]>,
-    first: bool,
-}
-
-impl integrate::Visitor for Motion<'_> {
-    type Output = Moved;
-
-    fn visit<S: Scheme>(self) -> Moved {
-        let dt = self.c.dt;
-        let before = self.bodies.iter().map(|b| (b.v, b.w)).collect();
-        let mut moved = Moved { before, runaway: None, damped: 0.0 };
-        for (i, b) in self.bodies.iter_mut().enumerate() {
-            let dx = match self.sums {
-                None => ahead::<S>(b, dt),
-                Some(sums) => with_force::<S>(b, sums[i], self.c, self.first, &mut moved.damped),
-            };
-            let far = runaway_distance(self.c);
-            // Not a number fails the comparison too.
-            if norm(dx) <= far {
-                b.moved = add(b.moved, dx);
-            } else {
-                moved.runaway.get_or_insert(i);
-            }
-        }
-        moved
-    }
-}
-
-/// Moves a particle with the acceleration of the step before; returns its displacement.
-fn ahead<S: Scheme>(b: &mut Body, dt: f64) -> Vec3 {
-    let (v, w) = (array(b.v), array(b.w));
-    let x = zip(v, array(b.a), |v, a| S::before(v, a, dt));
-    let y = zip(w, array(b.alpha), |w, a| S::before(w, a, dt));
-    b.v = v3(x.map(|s| s.v));
-    b.w = v3(y.map(|s| s.v));
-    x.map(|s| s.dx)
-}
-
-/// Moves a particle with force and torque; returns its displacement.
-fn with_force<S: Scheme>(
-    b: &mut Body,
-    [force, torque]: [V3; 2],
-    c: &Constants,
-    first: bool,
-    damped: &mut f64,
-) -> Vec3 {
-    let (dt, damping) = (c.dt, c.spec.local_damping);
-    let free = plus(scaled(force, b.inv_mass), v3(c.spec.gravity));
-    let turning = scaled(torque, b.inv_inertia());
-    let reduced = |v: V3, a: V3| {
-        v3(zip(array(v), array(a), |v, a| if damping > 0.0 { locally_damped(v, a, damping, dt) } else { a }))
-    };
-    let (a, alpha) = (reduced(b.v, free), reduced(b.w, turning));
-    let (a_old, alpha_old) = if first { (a, alpha) } else { (b.a, b.alpha) };
-    let advance = |v: V3, a: V3, old: V3| {
-        let (v, a, old) = (array(v), array(a), array(old));
-        [0, 1, 2].map(|k| S::after(v[k], a[k], old[k], dt))
-    };
-    let (x, y) = (advance(b.v, a, a_old), advance(b.w, alpha, alpha_old));
-    let (v, w) = (v3(x.map(|s| s.v)), v3(y.map(|s| s.v)));
-    let work = |lost: V3, old: V3, new: V3| 0.5 * dt * dot(lost, plus(old, new));
-    *damped +=
-        work(minus(free, a), b.v, v) / b.inv_mass + work(minus(turning, alpha), b.w, w) / b.inv_inertia();
-    (b.force, b.a, b.alpha, b.v, b.w) = (force, a, alpha, v, w);
-    x.map(|s| s.dx)
-}
-
-struct NormalOf<'a>(&'a Coefficients, Touch);
-
-impl normal::Visitor for NormalOf<'_> {
-    type Output = NormalForce;
-    fn visit<L: Normal>(self) -> NormalForce {
-        L::force(self.0, self.1)
-    }
-}
-
-struct CohesionOf<'a>(&'a Coefficients, Touch);
-
-impl cohesion::Visitor for CohesionOf<'_> {
-    type Output = Attraction;
-    fn visit<L: Cohesion>(self) -> Attraction {
-        L::attraction(self.0, self.1)
-    }
-}
-
-struct SpringOf<'a>(&'a Coefficients, Touch, NormalForce);
-
-impl tangential::Visitor for SpringOf<'_> {
-    type Output = Spring;
-    fn visit<L: Tangential>(self) -> Spring {
-        L::spring(self.0, self.1, self.2)
-    }
-}
-
-struct RollingOf<'a>(&'a Coefficients, Roll);
-
-impl rolling::Visitor for RollingOf<'_> {
-    type Output = Torques;
-    fn visit<L: Rolling>(self) -> Torques {
-        L::torques(self.0, self.1)
-    }
-}
-
-fn coefficients([a, b, c, d]: [f64; 4]) -> Coefficients {
-    Coefficients { a, b, c, d }
-}
-
-fn zip<T>(a: Vec3, b: Vec3, f: impl Fn(f64, f64) -> T) -> [T; 3] {
-    [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2])]
 }
 
 fn v3([x, y, z]: Vec3) -> V3 {

@@ -1,0 +1,158 @@
+//! The laws of one contact.
+
+use glebe_physics::Laws;
+use glebe_physics::PairCoefficients;
+use glebe_physics::kernel64::cohesion::{self, Attraction, Cohesion, CohesionLaw};
+use glebe_physics::kernel64::contact::{Coefficients, Touch, relative_velocity, tangential_part};
+use glebe_physics::kernel64::normal::{self, Normal, NormalForce, NormalLaw, ended};
+use glebe_physics::kernel64::rolling::{self, Roll, Rolling, RollingLaw, Torques};
+use glebe_physics::kernel64::tangential::{
+    self, Friction, Spring, Tangential, TangentialForce, TangentialLaw, carried, slide,
+};
+use glebe_physics::kernel64::vector::{V3, cross, dot, minus, plus, scaled};
+
+/// Two bodies that touch, as laws see them.
+pub struct Meeting {
+    /// Unit vector from i to j.
+    pub n: V3,
+    /// Overlap \[m\].
+    pub delta: f64,
+    /// Distances of the centres from the contact point \[m\]; 0 for a surface, here and below.
+    pub arm: [f64; 2],
+    /// Radii \[m\].
+    pub radius: [f64; 2],
+    /// Inverse masses \[1/kg\].
+    pub inv_mass: [f64; 2],
+    /// Inverse moments of inertia \[1/(kg m²)\].
+    pub inv_inertia: [f64; 2],
+    /// Velocities \[m/s\]; a surface's at the contact point.
+    pub v: [V3; 2],
+    /// Angular velocities \[rad/s\].
+    pub w: [V3; 2],
+    /// Effective radius \[m\]; R on a surface.
+    pub r_eff: f64,
+    /// 4R* between spheres, 2R on a surface \[m\].
+    pub diameter: f64,
+}
+
+/// What the laws find for a contact.
+pub struct Pull {
+    /// Force on i \[N\].
+    pub force: V3,
+    /// Torques on i and j \[N m\].
+    pub torque: [V3; 2],
+    /// The dashpots' part of the force \[N\].
+    pub dash: V3,
+    /// The rolling part of the torques \[N m\].
+    pub roll: [V3; 2],
+    /// Energy of normal spring and cohesion \[J\].
+    pub energy_normal: f64,
+    /// Of the tangential spring.
+    pub tangential: TangentialForce,
+}
+
+impl Meeting {
+    /// What the laws find in a step `dt` \[s\]: kinematics, cohesion, normal, tangential, rolling. The history
+    /// moves on.
+    pub fn pull(&self, laws: Laws, pair: &PairCoefficients, history: &mut [f64], dt: f64) -> Pull {
+        let m = self;
+        let ([vi, vj], [wi, wj]) = (m.v, m.w);
+        let u = relative_velocity(vi, vj, wi, wj, m.n, m.arm[0], m.arm[1]);
+        let vt = tangential_part(u, m.n);
+        let touch = Touch {
+            delta: m.delta,
+            vn: dot(u, m.n),
+            r_eff: m.r_eff,
+            m_eff: 1.0 / (m.inv_mass[0] + m.inv_mass[1]),
+            diameter: m.diameter,
+        };
+        let attraction =
+            CohesionLaw::ALL[laws.cohesion as usize].visit(CohesionOf(&coefficients(pair.cohesion), touch));
+        let normal = NormalLaw::ALL[laws.normal as usize].visit(NormalOf(&coefficients(pair.normal), touch));
+        let normal = ended(normal, pair.clip);
+        let load = normal.elastic + normal.viscous;
+
+        let law = TangentialLaw::ALL[laws.tangential as usize];
+        let spring = law.visit(SpringOf(&coefficients(pair.tangential), touch, normal));
+        let mut t = TangentialForce::default();
+        if !law.history().is_empty() {
+            let from = laws.normal.history().len();
+            let h = &mut history[from..from + 4];
+            let twist = 0.5 * dt * dot(plus(wi, wj), m.n);
+            let stretch = carried(V3 { x: h[0], y: h[1], z: h[2] }, m.n, twist);
+            let friction = Friction {
+                sliding: pair.friction[0],
+                sticking: pair.friction[1],
+                remember: pair.remember,
+                truncate: pair.truncate,
+            };
+            t = slide(stretch, h[3], spring, friction, load, vt, dt);
+            h.copy_from_slice(&[t.stretch.x, t.stretch.y, t.stretch.z, t.slip]);
+        }
+        let couple = cross(m.n, t.force);
+        let roll = Roll {
+            n: m.n,
+            wi,
+            wj,
+            couple,
+            arm_i: m.arm[0],
+            arm_j: m.arm[1],
+            r_i: m.radius[0],
+            r_j: m.radius[1],
+            inv_inertia_i: m.inv_inertia[0],
+            inv_inertia_j: m.inv_inertia[1],
+            r_eff: m.r_eff,
+            load: load.max(0.0),
+            dt,
+        };
+        let r = RollingLaw::ALL[laws.rolling as usize].visit(RollingOf(&coefficients(pair.rolling), roll));
+        Pull {
+            force: plus(scaled(m.n, attraction.force - load), t.force),
+            torque: [plus(scaled(couple, m.arm[0]), r.on_i), plus(scaled(couple, m.arm[1]), r.on_j)],
+            dash: plus(scaled(m.n, -normal.viscous), minus(t.force, t.spring)),
+            roll: [r.on_i, r.on_j],
+            energy_normal: normal.energy + attraction.energy,
+            tangential: t,
+        }
+    }
+}
+
+struct NormalOf<'a>(&'a Coefficients, Touch);
+
+impl normal::Visitor for NormalOf<'_> {
+    type Output = NormalForce;
+    fn visit<L: Normal>(self) -> NormalForce {
+        L::force(self.0, self.1)
+    }
+}
+
+struct CohesionOf<'a>(&'a Coefficients, Touch);
+
+impl cohesion::Visitor for CohesionOf<'_> {
+    type Output = Attraction;
+    fn visit<L: Cohesion>(self) -> Attraction {
+        L::attraction(self.0, self.1)
+    }
+}
+
+struct SpringOf<'a>(&'a Coefficients, Touch, NormalForce);
+
+impl tangential::Visitor for SpringOf<'_> {
+    type Output = Spring;
+    fn visit<L: Tangential>(self) -> Spring {
+        L::spring(self.0, self.1, self.2)
+    }
+}
+
+struct RollingOf<'a>(&'a Coefficients, Roll);
+
+impl rolling::Visitor for RollingOf<'_> {
+    type Output = Torques;
+    fn visit<L: Rolling>(self) -> Torques {
+        L::torques(self.0, self.1)
+    }
+}
+
+fn coefficients([a, b, c, d]: [f64; 4]) -> Coefficients {
+    Coefficients { a, b, c, d }
+}
