@@ -53,7 +53,9 @@ impl State {
         p.hi.iter().chain(&p.hi_ref).flatten().for_each(|x| w.u32(*x as u32));
         p.lo_ref.iter().flatten().for_each(|x| w.u32(*x));
         for column in [&p.rest, &p.acceleration, &p.angular, &p.force] {
-            column.iter().for_each(|x| w.f32s(x));
+            for x in column {
+                w.f32s(x);
+            }
         }
         let history = self.contacts.first().map_or(0, |m| m.history.len());
         let history = self.surface_contacts.first().map_or(history, |m| m.history.len());
@@ -126,7 +128,9 @@ impl Writer {
         self.u32(x.to_bits());
     }
     fn f32s(&mut self, xs: &[f32]) {
-        xs.iter().for_each(|x| self.f32(*x));
+        for x in xs {
+            self.f32(*x);
+        }
     }
 }
 

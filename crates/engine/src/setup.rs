@@ -8,7 +8,7 @@ use glebe_physics::{Impact, Laws, PairCoefficients, PairOverride, PairProperties
 use crate::failure::SetupError;
 use crate::lattice::{Lattice, norm};
 use crate::spec::{Motion, Pose, Shape, Side, Step, TriMesh, Vec3, WorldSpec};
-use crate::state::{Particles, Place, Progress, Spin, State, SurfaceState, Velocity};
+use crate::state::{MeasureState, Particles, Place, Progress, Spin, State, SurfaceState, Velocity};
 use crate::surface::Bvh;
 
 /// Largest skin as a share of the mean radius; lists widen their reach up to it when particles move fast.
@@ -170,7 +170,7 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         surfaces,
         path: vec![0.0; spec.surfaces.len()],
         impulse: vec![[0.0; 6]; spec.surfaces.len()],
-        measures: vec![Default::default(); spec.stages.first().map_or(0, |s| s.measures.len())],
+        measures: vec![MeasureState::default(); spec.stages.first().map_or(0, |s| s.measures.len())],
         stale: true,
         skin: SKIN_START * radius_mean,
         ..Progress::default()

@@ -1,5 +1,7 @@
 //! The state of a world: everything that its future depends on, the same on every backend.
 
+use std::fmt::Write as _;
+
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -381,6 +383,10 @@ impl State {
         }
         // Serialising plain data to a string cannot fail but for non-finite keys, of which there are none.
         h.update(serde_json::to_vec(&self.progress).unwrap_or_default());
-        h.finalize().iter().map(|b| format!("{b:02x}")).collect()
+        h.finalize().iter().fold(String::new(), |mut hex, b| {
+            // Writing to a string cannot fail.
+            let _ = write!(hex, "{b:02x}");
+            hex
+        })
     }
 }

@@ -240,7 +240,10 @@ pub fn touch(vertices: [Vec3; 3], triangle: u32, shift: [i8; 3], reach: f64) -> 
 /// edge acts once.
 pub fn physical_contacts(touches: &mut Vec<SurfacePoint>, radius: f64) {
     touches.sort_unstable_by(|a, b| {
-        a.rank.cmp(&b.rank).then(a.distance.total_cmp(&b.distance)).then((a.triangle, a.shift).cmp(&(b.triangle, b.shift)))
+        a.rank
+            .cmp(&b.rank)
+            .then(a.distance.total_cmp(&b.distance))
+            .then((a.triangle, a.shift).cmp(&(b.triangle, b.shift)))
     });
     let mut kept = 0;
     for t in 0..touches.len() {

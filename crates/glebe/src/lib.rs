@@ -21,6 +21,7 @@ pub use glebe_io as io;
 pub use glebe_physics as physics;
 pub use glebe_report as report;
 
+pub mod bench;
 #[doc(hidden)]
 pub mod cli;
 pub mod run;

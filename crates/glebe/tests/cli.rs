@@ -53,7 +53,7 @@ const MISTAKES: &[Bad] = &[
     Bad {
         from: "count = 250\nradius = { uniform = [\"6 mm\", \"9 mm\"] }\nfill = \"rain\"",
         to: "file = \"nan.csv\"",
-        says: &["nan.csv", "line 3", "not a finite number"],
+        says: &["nan.csv", "line 3, column 2 (y)", "not finite"],
     },
     Bad {
         from: "count = 250\nradius = { uniform = [\"6 mm\", \"9 mm\"] }\nfill = \"rain\"",
@@ -181,7 +181,7 @@ fn completions_name_the_verbs() {
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
         let place = Place::new();
         let ended = place.glebe(&["completions", shell]);
-        for verb in ["new", "check", "run", "devices", "schema"] {
+        for verb in ["new", "check", "run", "validate", "bench", "devices", "schema"] {
             assert!(ended.expect(0).stdout.contains(verb), "{shell} does not complete `{verb}`");
         }
     }
@@ -190,7 +190,7 @@ fn completions_name_the_verbs() {
 #[test]
 fn help_comes_with_examples_on_every_verb() {
     let place = Place::new();
-    for verb in ["new", "check", "run", "devices", "schema", "completions"] {
+    for verb in ["new", "check", "run", "validate", "bench", "devices", "schema", "completions"] {
         let ended = place.glebe(&[verb, "--help"]);
         assert!(ended.expect(0).stdout.contains(&format!("glebe {verb}")), "{verb}");
         assert!(ended.stdout.contains("Example"), "{verb}:\n{}", ended.stdout);

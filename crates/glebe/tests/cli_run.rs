@@ -172,7 +172,7 @@ fn a_world_that_fails_says_why_and_keeps_its_results() {
     let summary = place.summary("out");
     assert_eq!(summary["status"], "failed");
     assert!(summary["reason"].as_str().unwrap().contains("particle"));
-    assert!(series(&place.path("out")).rows() > 1);
+    assert!(series(&place.path("out")).rows() >= 1, "at least the start");
     let json = place.glebe(&[&["run", "scene.toml", "--force", "--json"], &sets[..]].concat());
     assert_eq!(json.expect(1).json()["errors"][0]["code"], "failed");
 }

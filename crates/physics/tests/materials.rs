@@ -1,5 +1,8 @@
 //! Mixing of materials, damping ratios and stable steps against closed forms and published numbers.
 
+// Clippy's permission for tests does not reach their helpers.
+#![allow(clippy::unwrap_used)]
+
 use glebe_physics::{
     ContactEnd, ContactModel, LawChoice, LawError, Laws, Material, Mixing, MixingRule, PairOverride,
     PairProperties, ShearModulusRule, Slot, damping_ratio, equivalent_e_star, hertz_collision_time, laws,
@@ -68,13 +71,8 @@ fn damping_ratio_of_the_linear_oscillator() {
 /// Restitution of one impact of the law's own formula, integrated in f64 with small steps.
 fn restitution(end: ContactEnd, law: &str, e: f64) -> f64 {
     let m = material(1e8, 0.3, e, 0.0);
-    let pair = PairProperties::new(
-        &m,
-        &m,
-        &Mixing::default(),
-        ShearModulusRule::Mindlin,
-        &PairOverride::default(),
-    );
+    let pair =
+        PairProperties::new(&m, &m, &Mixing::default(), ShearModulusRule::Mindlin, &PairOverride::default());
     let mut model = ContactModel { end, ..ContactModel::default() };
     if law == "linear" {
         model.normal = LawChoice::named("linear").with("stiffness", 1e5);

@@ -54,7 +54,9 @@ impl BedKind {
 
 /// Solid fraction of the bed when it is made.
 const SOLID_FRACTION: f64 = 0.60;
-/// Height of the open-topped box over its width; the bed fills a cube.
+/// Solid fraction below which no bed is made.
+const LOOSEST: f64 = 0.50;
+/// Height of the open-topped box over its width; the bed fills about a cube.
 const HEADROOM: f64 = 1.25;
 const SEED: u64 = 1;
 /// Steps between samples.
@@ -169,9 +171,7 @@ impl Bed {
         let radii = self.radii()?;
         let width = Self::width(&radii);
         let region = Region::walled([0.0; 3], [width, width, HEADROOM * width]);
-        let request =
-            FillRequest { solid_fraction: Some(SOLID_FRACTION), ..FillRequest::new(region, &radii, SEED) };
-        let places = generate("dense", &request)?;
+        let places = dense(FillRequest::new(region, &radii, SEED))?;
         let world = self.world(&radii, |i| places[i], 1, false);
         let mut batch = Batch::new(vec![world], Backend::Cpu).map_err(|(_, e): (usize, SetupError)| e)?;
         while batch.running() && batch.progress(0).stage == 0 {
@@ -190,6 +190,17 @@ impl Bed {
         let plan = self.world(&self.radii()?, |_| [0.0; 3], 1, false);
         let what = format!("{} {SOLID_FRACTION} {SEED} {plan:?}", env!("CARGO_PKG_VERSION"));
         Ok(Sha256::digest(what).iter().map(|b| format!("{b:02x}")).collect())
+    }
+}
+
+/// A packing as dense as [`SOLID_FRACTION`], or, in boxes so narrow that their walls do not let it be, nearly so.
+fn dense(request: FillRequest<'_>) -> Result<Vec<Vec3>, GenerateError> {
+    let mut fraction = SOLID_FRACTION;
+    loop {
+        match generate("dense", &FillRequest { solid_fraction: Some(fraction), ..request }) {
+            Err(GenerateError::Jammed { .. }) if fraction > LOOSEST => fraction -= 0.02,
+            ended => return ended,
+        }
     }
 }
 

@@ -40,6 +40,7 @@ enum Verb {
     Check(check::Args),
     Run(run::Args),
     Validate(crate::validate::ValidateArgs),
+    Bench(crate::bench::BenchArgs),
     Devices(devices::Args),
     /// Prints the JSON Schema of scene files, for editors
     #[command(after_help = "\
@@ -69,6 +70,10 @@ pub fn main() -> ExitCode {
         Verb::Check(args) => check::run(&args, &ui),
         Verb::Run(args) => run::run(&args, &ui),
         Verb::Validate(args) => validate(&args, &ui),
+        Verb::Bench(args) => match crate::bench::run(&args, &ui) {
+            Ok(()) => Ok(Ended::Done),
+            Err(e) => Err(Problem::Failed(e.to_string())),
+        },
         Verb::Devices(args) => devices::run(&args, &ui),
         Verb::Schema => {
             ui.print(&format!("{:#}", glebe_io::scene::schema()));

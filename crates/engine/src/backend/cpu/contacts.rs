@@ -1,9 +1,7 @@
 //! Forces: candidates that touch are gathered into lanes, evaluated and scattered.
 
-
-
-use super::lanes::{LANES, Lanes, Pair};
 use super::super::common::Standing;
+use super::lanes::{LANES, Lanes, Pair};
 use super::list::{Block, MEMORY, Pull, Touching};
 use crate::lattice::{add, sub};
 use crate::setup::Constants;
@@ -369,12 +367,13 @@ fn fill_surface(ph: &Phase<'_>, lanes: &mut Lanes, l: usize, m: &Meeting) {
     let turning = crate::lattice::cross(placed.spin, m.arm);
     let (v, w) = (ph.p.velocity[i], ph.p.spin[i]);
     for x in 0..3 {
-        lanes.d[x][l] = m.at.n[x] * m.at.distance;
+        lanes.n[x][l] = m.at.n[x] as f32;
         lanes.v[0][x][l] = v.v[x];
         lanes.v[1][x][l] = (placed.velocity[x] + turning[x]) as f32;
         lanes.w[0][x][l] = w.w[x];
         lanes.w[1][x][l] = placed.spin[x] as f32;
     }
+    lanes.distance[l] = m.at.distance;
     lanes.radius[0][l] = ph.p.place[i].radius;
     lanes.radius[1][l] = 0.0;
     lanes.inv_mass[0][l] = v.inv_mass;

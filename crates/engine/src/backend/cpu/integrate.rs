@@ -2,8 +2,8 @@
 
 use glebe_physics::kernel::integrate::{Scheme, locally_damped};
 
-use super::contacts::SurfacePull;
 use super::super::common::runaway_distance;
+use super::contacts::SurfacePull;
 use super::list::{BLOCK, Block, Incoming, Pull};
 use crate::setup::Constants;
 use crate::state::{Place, Spin, Velocity};
@@ -250,8 +250,7 @@ fn after<S: Scheme>(
 #[inline(always)]
 fn displace(c: &mut Columns<'_>, s: &Step, i: usize, dx: [f32; 3], moved: &mut Moved) {
     let d2 = dx[0] * dx[0] + dx[1] * dx[1] + dx[2] * dx[2];
-    // Not a number fails the comparison too.
-    if !(d2 <= s.runaway) {
+    if d2.is_nan() || d2 > s.runaway {
         moved.runaway.get_or_insert((c.first + i) as u32);
         return;
     }

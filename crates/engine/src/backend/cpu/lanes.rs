@@ -54,8 +54,10 @@ impl Pair {
 
 /// Contacts side by side: what they are given and what the laws find.
 pub struct Lanes {
-    /// From i to j, or from i to the surface \[m\].
+    /// From i to j \[m\].
     pub d: [[f64; LANES]; 3],
+    /// Distance of a surface \[m\].
+    pub distance: [f64; LANES],
     /// Radii \[m\]; 0 for a surface.
     pub radius: [Lane; 2],
     /// Inverse masses \[1/kg\]; 0 for a surface.
@@ -67,7 +69,7 @@ pub struct Lanes {
     /// History, before and after.
     pub history: [Lane; MEMORY],
 
-    /// Unit vector from i to j.
+    /// Unit vector from i to j, or into the surface.
     pub n: Lane3,
     /// Overlap \[m\].
     pub delta: Lane,
@@ -115,6 +117,7 @@ impl Default for Lanes {
         let l3 = [l; 3];
         Self {
             d: [[0.0; LANES]; 3],
+            distance: [0.0; LANES],
             radius: [l; 2],
             inv_mass: [l; 2],
             v: [l3; 2],
@@ -172,12 +175,13 @@ impl Lanes {
             .chain(&mut self.inv_mass)
             .chain(self.v.iter_mut().flatten())
             .chain(self.w.iter_mut().flatten())
+            .chain(&mut self.n)
             .chain(&mut self.history);
         for lane in lanes {
             let first = lane[0];
             lane[used..end].fill(first);
         }
-        for lane in &mut self.d {
+        for lane in self.d.iter_mut().chain([&mut self.distance]) {
             let first = lane[0];
             lane[used..end].fill(first);
         }
@@ -208,20 +212,14 @@ impl Lanes {
         }
     }
 
-    /// The same for spheres on surfaces: `d` points to the contact point.
+    /// The same for spheres on surfaces, whose normal and distance are known.
     #[inline(always)]
     pub fn on_surfaces(&mut self, used: usize) {
         let used = used.next_multiple_of(16).min(LANES);
         for l in 0..used {
-            let (x, y, z) = (self.d[0][l], self.d[1][l], self.d[2][l]);
             let ri = self.radius[0][l];
-            let distance = (x * x + y * y + z * z).sqrt();
-            let inverse = 1.0 / distance;
-            self.n[0][l] = (x * inverse) as f32;
-            self.n[1][l] = (y * inverse) as f32;
-            self.n[2][l] = (z * inverse) as f32;
-            self.delta[l] = (f64::from(ri) - distance) as f32;
-            self.arm[0][l] = distance as f32;
+            self.delta[l] = (f64::from(ri) - self.distance[l]) as f32;
+            self.arm[0][l] = self.distance[l] as f32;
             self.arm[1][l] = 0.0;
             self.r_eff[l] = ri;
             self.diameter[l] = 2.0 * ri;

@@ -10,8 +10,8 @@
 
 use rayon::prelude::*;
 
-use crate::lattice::{Lattice, dot, sub};
 use super::super::common::images;
+use crate::lattice::{Lattice, dot, sub};
 use crate::setup::{BoundaryShape, Constants, LEVEL_RATIO};
 use crate::spec::{Pose, Vec3};
 use crate::state::{ContactMemory, Particles, Progress, SurfaceMemory};
@@ -118,6 +118,9 @@ struct Row {
     begin: u32,
     end: u32,
 }
+
+/// A row and the ranges of particles in the rows around it.
+type Around = ([i32; 2], Vec<(u32, u32)>);
 
 /// Sort key: level, row (third axis before second), units along the row, number.
 type Key = (u8, i32, i32, i64, u32);
@@ -226,8 +229,7 @@ impl Search<'_> {
         let mut block = Block { first, start: vec![0], ..Block::default() };
         block.partner.reserve(8 * (end - first));
         // Neighbours in the order mostly share their row, and so the rows around it.
-        let mut around: Vec<([i32; 2], Vec<(u32, u32)>)> =
-            vec![([i32::MIN; 2], Vec::new()); self.levels.len()];
+        let mut around: Vec<Around> = vec![([i32::MIN; 2], Vec::new()); self.levels.len()];
         for i in first..end {
             for l in 0..=usize::from(self.of[i]) {
                 let cells = self.levels[l].cells;

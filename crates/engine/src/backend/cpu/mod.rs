@@ -249,12 +249,23 @@ impl CpuWorld {
             if now == reference {
                 return false;
             }
-            let BoundaryShape::Mesh(_, bvh) = &boundary.shape else { return true };
-            let Some((lo, hi)) = bvh.bounds() else { return false };
-            (0..8).any(|corner: usize| {
-                let x = [0, 1, 2].map(|k| if corner >> k & 1 == 0 { lo[k] } else { hi[k] });
-                norm(sub(now.apply(x), reference.apply(x))) > 0.5 * g.skin
-            })
+            // A rigid body strays most at a corner of its box; a plane at a corner of the domain, to which its
+            // part of the world is confined.
+            let corners: [crate::spec::Vec3; 8] = match &boundary.shape {
+                BoundaryShape::Mesh(_, bvh) => match bvh.bounds() {
+                    Some((lo, hi)) => corners(|corner, k| if corner >> k & 1 == 0 { lo[k] } else { hi[k] }),
+                    None => return false,
+                },
+                BoundaryShape::Plane(_) => {
+                    let d = &self.c.spec.domain;
+                    let share = |corner: usize, k: usize| (corner >> k & 1) as f64;
+                    corners(|corner, k| {
+                        d.origin[k] + (0..3).map(|a| d.cell[k][a] * share(corner, a)).sum::<f64>()
+                    })
+                    .map(|x| reference.inverse(x))
+                }
+            };
+            corners.iter().any(|x| norm(sub(now.apply(*x), reference.apply(*x))) > 0.5 * g.skin)
         })
     }
 
@@ -320,13 +331,8 @@ impl CpuWorld {
     fn prime(&mut self) {
         for (b, block) in self.blocks.iter().enumerate() {
             let surface = &self.found[b].surface;
-            let contacts = Contacts {
-                block,
-                pull: &self.pull,
-                drain: &[],
-                incoming: &self.incoming,
-                surface,
-            };
+            let contacts =
+                Contacts { block, pull: &self.pull, drain: &[], incoming: &self.incoming, surface };
             let mut at = 0;
             for local in 0..block.start.len() - 1 {
                 let [f, t, ..] = contacts.sum(local, &mut at).0;
@@ -414,9 +420,7 @@ impl CpuWorld {
             .filter(|&k| block.touching[k])
             .map(|k| self.p.id[block.partner[k] as usize].to_string())
             .collect();
-        for &k in
-            &self.incoming.entry[self.incoming.start[i] as usize..self.incoming.start[i + 1] as usize]
-        {
+        for &k in &self.incoming.entry[self.incoming.start[i] as usize..self.incoming.start[i + 1] as usize] {
             let b = self.incoming.base.partition_point(|&s| s <= k) - 1;
             let other = &self.blocks[b];
             let k = k - self.incoming.base[b];
@@ -546,6 +550,11 @@ impl Clock {
         let now = Instant::now();
         (now - std::mem::replace(&mut self.0, now)).as_secs_f64()
     }
+}
+
+/// The eight corners whose coordinates `at` gives by corner and axis.
+fn corners(at: impl Fn(usize, usize) -> f64) -> [crate::spec::Vec3; 8] {
+    std::array::from_fn(|corner| std::array::from_fn(|k| at(corner, k)))
 }
 
 fn advance_widest<S: Scheme>(
