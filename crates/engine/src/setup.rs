@@ -13,6 +13,8 @@ use crate::surface::Bvh;
 
 /// Largest skin as a share of the mean radius; lists widen their reach up to it when particles move fast.
 pub const SKIN_MAX: f64 = 1.0;
+/// Smallest skin as a share of the mean radius: below it rebuilds cost more than candidates.
+pub const SKIN_MIN: f64 = 0.04;
 /// Skin that a world starts with, as a share of the mean radius.
 pub const SKIN_START: f64 = 0.3;
 /// Most particle sizes a list level spans: radii within a level differ at most by this factor.

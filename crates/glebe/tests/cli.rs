@@ -1,5 +1,7 @@
 //! The command line: what is refused and how, and the verbs that do not run anything.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+
 mod cli_common;
 
 use std::fs;
@@ -35,11 +37,7 @@ const MISTAKES: &[Bad] = &[
         to: "step = \"5 ms\"",
         says: &["of the stable step", "choose at most", "time.force = true", "step = \"5 ms\""],
     },
-    Bad {
-        from: "count = 250",
-        to: "conut = 250",
-        says: &["has no key `conut`", "did you mean `count`?"],
-    },
+    Bad { from: "count = 250", to: "conut = 250", says: &["has no key `conut`", "did you mean `count`?"] },
     Bad {
         from: "box = { min = [-0.02, -0.02, 0.02], max = [0, 0.02, 0.2] }",
         to: "file = \"cut.stl\"",
@@ -69,10 +67,14 @@ const MISTAKES: &[Bad] = &[
 
 fn with_bad_files() -> Place {
     let place = Place::new();
-    let facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
+    let facet =
+        "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
     place
         .write("cut.stl", format!("solid tool\n{facet}facet normal 0 0 1\nouter loop\nvertex 0 0 0\n"))
-        .write("nan.stl", format!("solid tool\n{}endsolid tool\n", facet.replace("vertex 0 0 0", "vertex 0 nan 0")))
+        .write(
+            "nan.stl",
+            format!("solid tool\n{}endsolid tool\n", facet.replace("vertex 0 0 0", "vertex 0 nan 0")),
+        )
         .write("nan.csv", "x,y,z,R\n0,0,0.1,0.01\n0,NaN,0.2,0.01\n")
         .write("negative.csv", "x,y,z,R\n0,0,0.1,-0.01\n")
         .write("inside.csv", "x,y,z,R\n0,0,0.1,0.01\n0,0,0.105,0.01\n");
@@ -96,7 +98,10 @@ fn bad_scenes_are_refused_with_the_place_and_nothing_is_written() {
 #[test]
 fn every_mistake_is_told_at_once() {
     let place = Place::new();
-    let text = SCENE.replacen("density", "densty", 1).replacen("[domain]", "[domian]", 1).replacen("5 MPa", "5 mm", 1);
+    let text = SCENE
+        .replacen("density", "densty", 1)
+        .replacen("[domain]", "[domian]", 1)
+        .replacen("5 MPa", "5 mm", 1);
     place.write("scene.toml", text);
     let ended = place.glebe(&["check", "scene.toml", "--json"]);
     let errors = ended.expect(2).json();
@@ -116,7 +121,13 @@ fn an_output_folder_that_exists_is_refused_and_kept() {
     place.write("scene.toml", SCENE);
     fs::create_dir(place.path("out")).unwrap();
     place.write("out/mine.txt", "precious");
-    place.glebe(&["run", "scene.toml"]).expect(2).says(&["not empty", "mine.txt", "--out", "--resume", "--force"]);
+    place.glebe(&["run", "scene.toml"]).expect(2).says(&[
+        "not empty",
+        "mine.txt",
+        "--out",
+        "--resume",
+        "--force",
+    ]);
     assert_eq!(fs::read_dir(place.path("out")).unwrap().count(), 1);
     place.glebe(&["run", "scene.toml", "--resume"]).expect(2).says(&["no run to resume"]);
 }
@@ -159,7 +170,10 @@ fn check_tells_what_would_be_run() {
 fn a_device_that_is_not_there_is_refused() {
     let place = Place::new();
     place.write("scene.toml", SCENE);
-    place.glebe(&["run", "scene.toml", "--device", "gpu"]).expect(2).says(&["no GPU backend", "--device cpu"]);
+    place
+        .glebe(&["run", "scene.toml", "--device", "gpu"])
+        .expect(2)
+        .says(&["no GPU backend", "--device cpu"]);
     place.glebe(&["run", "scene.toml", "--device", "abacus"]).expect(2).says(&["auto, cpu"]);
     assert!(!place.path("out").exists());
     let devices = place.glebe(&["devices", "--json"]).expect(0).json();

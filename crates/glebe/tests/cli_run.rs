@@ -1,5 +1,7 @@
 //! Runs that are interrupted, killed, resumed, and that share settled beds: always the same bits.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+
 mod cli_common;
 
 use std::fs;
@@ -98,7 +100,10 @@ fn a_settled_bed_is_reused_without_changing_a_bit() {
         let ended = place.glebe(&args);
         ended.expect(0);
         let notes = place.summary(out)["notes"].to_string();
-        assert_eq!(notes.contains("taken from an earlier run"), ended.stderr.contains("taken from an earlier run"));
+        assert_eq!(
+            notes.contains("taken from an earlier run"),
+            ended.stderr.contains("taken from an earlier run")
+        );
         (place.hash(out), notes.contains("after `settle` was taken from an earlier run"))
     };
     let (first, reused) = run("first", &[]);
@@ -149,7 +154,8 @@ fn a_tool_more_in_the_list_finds_the_same_bed() {
 fn threads_change_no_bit_and_force_replaces() {
     let place = Place::new();
     place.write("scene.toml", SCENE);
-    let short = ["--no-cache", "--set", "stage.settle.until.at_most=0.1", "--set", "stage.push.duration=0.05"];
+    let short =
+        ["--no-cache", "--set", "stage.settle.until.at_most=0.1", "--set", "stage.push.duration=0.05"];
     let run = |threads| [&["run", "scene.toml", "--threads", threads][..], &short].concat();
     place.glebe(&run("1")).expect(0);
     let one = place.hash("out");

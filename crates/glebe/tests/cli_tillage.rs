@@ -1,5 +1,7 @@
 //! The main job in its quick size, with its outcome: a tool drawn through settled soil.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+
 mod cli_common;
 
 use std::fs;
@@ -84,6 +86,7 @@ fn any_tool_can_be_drawn_through_the_same_bed() {
     println!("{}\n{}", ended.stderr, ended.stdout);
     ended.expect(0);
     sound(&place, "field/out");
-    let force = place.summary("field/out")["stages"][2]["measures"]["draught_force"]["mean"].as_f64().unwrap();
+    let force =
+        place.summary("field/out")["stages"][2]["measures"]["draught_force"]["mean"].as_f64().unwrap();
     assert!(force > 1.0, "the tool met no soil: {force} N");
 }

@@ -1,6 +1,7 @@
 //! The bed that is timed, and how it is settled once and kept.
 
-use std::path::{Path, PathBuf};
+use std::fmt::Write as _;
+use std::path::Path;
 use std::sync::Arc;
 
 use glebe_engine::backend::Backend;
@@ -189,7 +190,11 @@ impl Bed {
     fn key(&self) -> Result<String, BenchError> {
         let plan = self.world(&self.radii()?, |_| [0.0; 3], 1, false);
         let what = format!("{} {SOLID_FRACTION} {SEED} {plan:?}", env!("CARGO_PKG_VERSION"));
-        Ok(Sha256::digest(what).iter().map(|b| format!("{b:02x}")).collect())
+        // Writing to a string does not fail.
+        Ok(Sha256::digest(what).iter().fold(String::new(), |mut hex, byte| {
+            let _ = write!(hex, "{byte:02x}");
+            hex
+        }))
     }
 }
 
@@ -210,7 +215,7 @@ fn load(path: &Path, key: &str) -> Option<State> {
     State::from_bytes(&found.state).ok()
 }
 
-fn store(path: &PathBuf, scene_hash: String, state: &State) -> Result<(), CheckpointError> {
+fn store(path: &Path, scene_hash: String, state: &State) -> Result<(), CheckpointError> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|source| OutputError::Io {
             path: folder.to_owned(),

@@ -25,6 +25,7 @@ pub fn json(rows: &[Row], args: &BenchArgs) -> Value {
             "rebuilds": r.rebuilds,
             "coordination": r.coordination,
             "bytes_per_particle": r.bytes_per_particle,
+            "settled_in_steps": r.settle_steps,
             "bed_from_cache": r.cached,
         })
     });
@@ -57,14 +58,22 @@ pub fn table(rows: &[Row], args: &BenchArgs) -> String {
         let _ = writeln!(text, "{l}");
     };
     let debug = if cfg!(debug_assertions) { ", a build with debug assertions" } else { "" };
-    line(format_args!("glebe {}{debug} on {}, {}", env!("CARGO_PKG_VERSION"), processor(), crate::run::device()));
+    line(format_args!(
+        "glebe {}{debug} on {}, {}",
+        env!("CARGO_PKG_VERSION"),
+        processor(),
+        crate::run::device()
+    ));
     let ledger = if args.ledger { "with" } else { "without" };
     line(format_args!(
         "{} steps, {} times, {ledger} energy ledger, a sample every {SAMPLE_STEPS} steps; rates in million particle-steps/s",
         args.steps, args.repeat
     ));
     let phases: Vec<&str> = rows.first().map_or(Vec::new(), |r| r.phases.iter().map(|p| p.0).collect());
-    let mut head = format!("{:<5} {:>10} {:>8} {:>7} {:>9} {:>8} {:>9}", "bed", "particles", "rate", "spread", "rebuilds", "contacts", "bytes/p");
+    let mut head = format!(
+        "{:<5} {:>10} {:>8} {:>7} {:>9} {:>8} {:>9}",
+        "bed", "particles", "rate", "spread", "rebuilds", "contacts", "bytes/p"
+    );
     for name in &phases {
         let _ = write!(head, " {name:>12}");
     }
@@ -107,6 +116,7 @@ fn exponents(rows: &[Row]) -> Vec<(BedKind, f64)> {
 /// The processor's name where the system tells it, else its architecture.
 fn processor() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let named = info.lines().find_map(|l| l.strip_prefix("model name")?.split_once(':').map(|(_, n)| n.trim()));
+    let named =
+        info.lines().find_map(|l| l.strip_prefix("model name")?.split_once(':').map(|(_, n)| n.trim()));
     named.unwrap_or(std::env::consts::ARCH).to_owned()
 }

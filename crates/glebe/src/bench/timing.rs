@@ -19,6 +19,8 @@ pub struct Row {
     pub bed: Bed,
     /// Whether it came settled from the cache.
     pub cached: bool,
+    /// Steps in which it settled.
+    pub settle_steps: u64,
     /// Particle-steps a second of each repeat, ascending.
     pub rates: Vec<f64>,
     /// Phases, with their shares of the wall time of all repeats; the rest is sampling and what is between phases.
@@ -50,6 +52,7 @@ pub fn time(bed: &Bed, settled: &Settled, args: &BenchArgs, ui: &Ui) -> Result<R
     let mut row = Row {
         bed: *bed,
         cached: settled.cached,
+        settle_steps: settled.state.progress.step,
         rates: Vec::new(),
         phases: Vec::new(),
         rebuilds: 0,

@@ -76,7 +76,13 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let particles = constants.count;
     let triangles: usize = built.meshes.iter().map(|m| m.report.triangles).sum();
     let stages = &constants.spec.stages;
-    let longest = |u: &Until| if u.at_most.is_none() && u.kinetic_energy_below.is_some() { None } else { Some(u.at_most.unwrap_or(0.0)) };
+    let longest = |u: &Until| {
+        if u.at_most.is_none() && u.kinetic_energy_below.is_some() {
+            None
+        } else {
+            Some(u.at_most.unwrap_or(0.0))
+        }
+    };
     let time: Option<f64> = stages.iter().map(|s| longest(&s.until)).sum();
     let steps = time.map(|t| (t / constants.dt).ceil());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::{Ended, Problem, Ui};
+use super::{Problem, Ui};
 
 /// Shows what hardware can be used
 #[derive(Debug, clap::Args)]
@@ -57,7 +57,7 @@ impl Device {
     }
 }
 
-pub(super) fn run(_: &Args, ui: &Ui) -> Result<Ended, Problem> {
+pub(super) fn run(ui: &Ui) {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let arch = std::env::consts::ARCH;
     let value = json!({
@@ -67,5 +67,4 @@ pub(super) fn run(_: &Args, ui: &Ui) -> Result<Ended, Problem> {
     });
     let text = format!("cpu   {arch}, {cores} threads   used by --device auto\ngpu   not usable: {NO_GPU}");
     ui.result(&value, &text);
-    Ok(Ended::Done)
 }

@@ -74,7 +74,10 @@ pub fn main() -> ExitCode {
             Ok(()) => Ok(Ended::Done),
             Err(e) => Err(Problem::Failed(e.to_string())),
         },
-        Verb::Devices(args) => devices::run(&args, &ui),
+        Verb::Devices(_) => {
+            devices::run(&ui);
+            Ok(Ended::Done)
+        }
         Verb::Schema => {
             ui.print(&format!("{:#}", glebe_io::scene::schema()));
             Ok(Ended::Done)

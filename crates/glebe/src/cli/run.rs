@@ -1,5 +1,6 @@
 //! `glebe run`: a scene from beginning to end.
 
+use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -99,7 +100,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
             let mut value = json!(summary);
             value["resume"] = json!(resume);
             ui.result(&value, "");
-            ui.note(&format!("interrupted; the state is kept. To go on: {resume}{}", repeat(&args.scene.sets)));
+            ui.note(&format!(
+                "interrupted; the state is kept. To go on: {resume}{}",
+                repeat(&args.scene.sets)
+            ));
             Ok(Ended::Interrupted)
         }
         _ => Err(Problem::Failed(format!(
@@ -112,7 +116,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
 
 /// The `--set` arguments again: a run can only be resumed with them.
 fn repeat(sets: &[String]) -> String {
-    sets.iter().map(|set| format!(" --set '{set}'")).collect()
+    sets.iter().flat_map(|set| [" --set '", set, "'"]).collect()
 }
 
 fn told(s: &Summary, out: &std::path::Path) -> String {
@@ -126,12 +130,14 @@ fn told(s: &Summary, out: &std::path::Path) -> String {
         p.particle_steps_per_second / 1e6,
         s.device
     );
+    // Writing to a string cannot fail.
     for stage in &s.stages {
-        for (name, m) in &stage.measures {
-            text += &format!("{} {name}: {:.5} ± {:.3}\n", stage.name, m.mean, m.std);
+        for (name, m) in stage.measures.iter().filter(|(_, m)| m.n > 0) {
+            let _ = writeln!(text, "{} {name}: {:.5} ± {:.3}", stage.name, m.mean, m.std);
         }
     }
-    text + &format!("state {}\nresults in {}", s.state_hash, out.display())
+    let _ = write!(text, "state {}\nresults in {}", s.state_hash, out.display());
+    text
 }
 
 /// Wall time by phase. Phases of one step run one after the other, so they add up; what is left is

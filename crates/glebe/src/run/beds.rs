@@ -125,7 +125,8 @@ impl Bed {
             if self.dormant[i] {
                 // The same arithmetic as of a surface that stood still, so that -0 becomes 0 here too.
                 let pose = Motion::default().at(&surface.pose, 0.0).pose;
-                let asleep = SurfaceState { present: false, base: pose, since: g.stage_since, reference: pose };
+                let asleep =
+                    SurfaceState { present: false, base: pose, since: g.stage_since, reference: pose };
                 g.surfaces.insert(i, asleep);
                 g.path.insert(i, 0.0);
                 g.impulse.insert(i, [0.0; 6]);

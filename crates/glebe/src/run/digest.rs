@@ -24,7 +24,10 @@ impl Digest {
     }
 
     pub(super) fn finish(self) -> String {
-        hex(&self.0.finalize())
+        self.0.finalize().iter().fold(String::new(), |mut text, byte| {
+            let _ = write!(text, "{byte:02x}");
+            text
+        })
     }
 }
 
@@ -33,10 +36,6 @@ impl fmt::Write for Digest {
         self.0.update(text);
         Ok(())
     }
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
 /// The digest of a prepared world: equal for scenes that are the same in effect, whatever their files look

@@ -5,6 +5,7 @@ mod digest;
 mod plots;
 mod recorder;
 
+use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -143,15 +144,13 @@ impl RunError {
 ///
 /// # Errors
 /// A world that cannot be set up, a folder that cannot be used, a checkpoint of another scene, a full disk.
-pub fn run(
-    world: WorldSpec,
-    settings: &Settings,
-    listener: &mut dyn Listener,
-) -> Result<Summary, RunError> {
+pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -> Result<Summary, RunError> {
     let (constants, fresh) = prepare(world)?;
     let scene_hash = digest::scene_hash(&constants, &fresh);
     let mut warnings = constants.warnings.clone();
-    warnings.iter().for_each(|w| listener.warn(w));
+    for warning in &warnings {
+        listener.warn(warning);
+    }
     let mut notes = Vec::new();
     let mut note = |line: String, listener: &mut dyn Listener| {
         listener.note(&line);
@@ -221,7 +220,7 @@ pub fn run(
         steps: 0,
         particle_steps: 0.0,
     };
-    run.to_the_end(settings, listener, warnings, notes)
+    run.finish(settings, listener, warnings, notes)
 }
 
 struct Run {
@@ -240,7 +239,7 @@ struct Run {
 }
 
 impl Run {
-    fn to_the_end(
+    fn finish(
         mut self,
         settings: &Settings,
         listener: &mut dyn Listener,
@@ -371,7 +370,6 @@ pub fn device() -> String {
     format!("{} ({} threads)", Backend::Cpu.name(), rayon::current_num_threads())
 }
 
-
 fn lost(l: &glebe_engine::state::Lost) -> summary::Lost {
     let side = format!("{}{}", ['-', '+'][l.side[1]], ['x', 'y', 'z'][l.side[0]]);
     summary::Lost { id: l.id, time: l.time, position: l.position, side }
@@ -400,14 +398,15 @@ fn stages(c: &Constants, g: &Progress) -> Vec<summary::Stage> {
 /// A line about a stage that ended.
 fn told(result: &StageResult, c: &Constants) -> String {
     let mut line = format!("stage `{}` ended at t = {:.4} s ({})", result.name, result.time, result.ended_by);
+    // Writing to a string cannot fail.
     if result.trimmed > 0 {
-        line += &format!(", {} particles removed", result.trimmed);
+        let _ = write!(line, ", {} particles removed", result.trimmed);
     }
     let spec = c.spec.stages.iter().find(|s| s.name == result.name);
     for (measure, m) in spec.iter().flat_map(|s| &s.measures).zip(&result.measures) {
-        line += &match m.n {
-            0 => format!("; {}: nothing measured, its window was not reached", measure.name),
-            n => format!("; {} = {:.5} ± {:.3} ({n} steps)", measure.name, m.mean, m.std()),
+        let _ = match m.n {
+            0 => write!(line, "; {}: nothing measured, its window was not reached", measure.name),
+            n => write!(line, "; {} = {:.5} ± {:.3} ({n} steps)", measure.name, m.mean, m.std()),
         };
     }
     line

@@ -143,7 +143,8 @@ pub(super) fn write(
 ) -> Result<(), OutputError> {
     let series = Series::read(&dir.series())?;
     let column = |name: &str| series.column(name).unwrap_or_default();
-    let sum = |a: &str, b: &str| -> Vec<f64> { column(a).iter().zip(column(b)).map(|(a, b)| a + b).collect() };
+    let sum =
+        |a: &str, b: &str| -> Vec<f64> { column(a).iter().zip(column(b)).map(|(a, b)| a + b).collect() };
     let kinetic = sum("kinetic_translation", "kinetic_rotation");
     let elastic = sum("elastic_normal", "elastic_tangential");
     let accounts: Vec<(&str, &[f64])> = vec![

@@ -45,8 +45,9 @@ pub const TEMPLATES: &[Template] = &[
             ("title", "A rotating drum", "A rotating drum, coarse"),
             ("count", "11000", "1400"),
             ("radius", "\"3.5 mm\", \"4.5 mm\"", "\"7 mm\", \"9 mm\""),
-            ("duration", "6 s", "2 s"),
-            ("window", "2.0, 6.0", "1.0, 2.0"),
+            ("step", "50 us", "100 us"),
+            ("duration", "4 s", "2 s"),
+            ("window", "2.0, 4.0", "1.0, 2.0"),
         ],
         sweep: None,
     },
@@ -57,9 +58,10 @@ pub const TEMPLATES: &[Template] = &[
         values: &[
             ("small", "", ", in a size that ends within a minute"),
             ("title", "A silo", "A silo, coarse"),
-            ("count", "22000", "4500"),
-            ("radius", "\"4 mm\", \"5.5 mm\"", "\"7 mm\", \"9 mm\""),
-            ("duration", "4 s", "1 s"),
+            ("step", "50 us", "100 us"),
+            ("count", "22000", "2500"),
+            ("radius", "\"4 mm\", \"5.5 mm\"", "\"8 mm\", \"10 mm\""),
+            ("duration", "3 s", "1 s"),
         ],
         sweep: None,
     },
@@ -103,10 +105,8 @@ impl Template {
             let path = folder.join(name);
             // The default sweep is within its own limits.
             if let Ok(mesh) = Sweep::default().mesh() {
-                write_stl(&path, &mesh, "sweep", StlFormat::Binary).map_err(|e| OutputError::Malformed {
-                    path: path.clone(),
-                    what: e.to_string(),
-                })?;
+                write_stl(&path, &mesh, "sweep", StlFormat::Binary)
+                    .map_err(|e| OutputError::Malformed { path: path.clone(), what: e.to_string() })?;
                 files.push(name);
             }
         }

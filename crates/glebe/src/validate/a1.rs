@@ -3,7 +3,7 @@
 //! The paper's: box, material, step 1e-4 s with `exact`, 8519 spheres of 40 ± 12 mm. Its 509 spheres of 200 ± 60 mm
 //! do not fit the box, so they are 100 ± 30 mm here. Chosen: the starting cloud (at rest, solid fraction 0.3; the paper
 //! has none), the limits on what is left of the energies (the paper: "approaches zero", "converges to a constant
-//! value"), and the energy ledger, which is judged with `euler` at 50 steps per collision (2e-5 s; physics of a fall
+//! value"), and the energy ledger, which is judged with `euler` at 50 steps per collision (2e-5 s, for a fall
 //! from 2.8 m) on the 509 spheres, in full size on the 8519 as well.
 
 use glebe_engine::batch::Sample;
@@ -41,8 +41,22 @@ const VARIANTS: [Variant; 6] = [
     Variant { name: "8519_exact", large: false, integrator: "exact", step: 1e-4, quick: true, closes: false },
     Variant { name: "509_euler", large: true, integrator: "euler", step: 1e-4, quick: true, closes: false },
     Variant { name: "509_exact", large: true, integrator: "exact", step: 1e-4, quick: true, closes: false },
-    Variant { name: "509_euler_fine", large: true, integrator: "euler", step: 2e-5, quick: true, closes: true },
-    Variant { name: "8519_euler_fine", large: false, integrator: "euler", step: 2e-5, quick: false, closes: true },
+    Variant {
+        name: "509_euler_fine",
+        large: true,
+        integrator: "euler",
+        step: 2e-5,
+        quick: true,
+        closes: true,
+    },
+    Variant {
+        name: "8519_euler_fine",
+        large: false,
+        integrator: "euler",
+        step: 2e-5,
+        quick: false,
+        closes: true,
+    },
 ];
 
 impl Variant {
@@ -57,7 +71,7 @@ impl Variant {
     }
 }
 
-fn run(trial: &Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial) -> Result<Findings, CaseError> {
     let variants: Vec<&Variant> = VARIANTS.iter().filter(|v| v.quick || !trial.quick).collect();
     let worlds = variants.iter().map(|v| SCENE.world(&v.sets())).collect::<Result<_, _>>()?;
     let done = run_to_end(worlds)?.all_done()?;
@@ -78,7 +92,7 @@ fn judge(found: &mut Findings, v: &Variant, done: &Finished, w: usize) {
     let late = |from: f64, to: f64| {
         mean(series.iter().filter(|s| s.time > last.time - from && s.time <= last.time - to).map(kinetic))
     };
-    found.near(format!("{}_kinetic_left_of_peak", v.name), late(END, 0.0) / peak, 0.0, 1e-3);
+    found.near(format!("{}_kinetic_left_of_peak", v.name), kinetic(last) / peak, 0.0, 1e-3);
     found.between(format!("{}_kinetic_of_before", v.name), late(END, 0.0) / late(2.0 * END, END), 0.0, 1.0);
     let fallen = first.ledger.potential - last.ledger.potential;
     let before = series.iter().rfind(|s| s.time <= last.time - END).unwrap_or(first);

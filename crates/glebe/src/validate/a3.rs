@@ -26,11 +26,12 @@ pub(super) const CASE: Case = Case {
 const DEPOSITION: SceneFile = scene_file!("A3-step-study/scene.toml");
 const IMPACT: SceneFile = scene_file!("A3-step-study/impact.toml");
 /// Steps of the study \[s\].
-const STEPS: [(&str, f64); 5] = [("1e-4", 1e-4), ("1e-3", 1e-3), ("2e-3", 2e-3), ("5e-3", 5e-3), ("1e-2", 1e-2)];
+const STEPS: [(&str, f64); 5] =
+    [("1e-4", 1e-4), ("1e-3", 1e-3), ("2e-3", 2e-3), ("5e-3", 5e-3), ("1e-2", 1e-2)];
 /// Part of the series that "left" is a mean over \[s\].
 const END: f64 = 0.1;
 
-fn run(_: &Trial) -> Result<Findings, CaseError> {
+fn run(_: Trial) -> Result<Findings, CaseError> {
     let mut found = Findings::default();
     depositions(&mut found)?;
     convergence(&mut found)?;
@@ -54,15 +55,22 @@ fn depositions(found: &mut Findings) -> Result<(), CaseError> {
 
     let (by_step, by_kind) = left.split_at(STEPS.len());
     for (w, (name, _)) in STEPS.iter().enumerate() {
-        found.report(format!("step_{name}_kinetic_left_of_peak"), by_step[w]);
+        if failed(w) {
+            found.report(format!("step_{name}_stopped_at_s"), done.batch.time(w));
+        } else {
+            found.report(format!("step_{name}_kinetic_left_of_peak"), by_step[w]);
+        }
     }
     for (kind, left) in IntegratorKind::ALL.iter().zip(by_kind) {
         found.report(format!("{}_kinetic_left_of_peak", kind.name()), *left);
     }
     // A world that was stopped because a sphere ran away has blown up: more than any energy.
-    let order: Vec<f64> = (0..STEPS.len()).map(|w| if failed(w) { f64::INFINITY } else { by_step[w] }).collect();
+    let order: Vec<f64> =
+        (0..STEPS.len()).map(|w| if failed(w) { f64::INFINITY } else { by_step[w] }).collect();
     let calmer = order.windows(2).filter(|p| p[1] < p[0]).count();
     found.zero("larger_steps_that_leave_less", calmer as f64);
+    // Blow-up: stopped, or a tenth of the peak is left. The two largest steps, as in figure 6b.
+    found.near("steps_that_blow_up", order.iter().filter(|left| **left > 0.1).count() as f64, 2.0, 0.0);
     found.near("step_1e-3_kinetic_left", by_step[1], 0.0, 1e-3);
     let of = |kind| IntegratorKind::ALL.iter().position(|k| *k == kind).map_or(f64::NAN, |k| by_kind[k]);
     // The paper: "an order of magnitude more kinetic energy remains".
@@ -78,12 +86,8 @@ fn depositions(found: &mut Findings) -> Result<(), CaseError> {
         })
         .collect();
     let plot = |title, range: std::ops::Range<usize>| {
-        let series = range.map(|w| Series {
-            name: &names[w],
-            x: &curves[w][0],
-            y: &curves[w][1],
-            style: Style::Line,
-        });
+        let series =
+            range.map(|w| Series { name: &names[w], x: &curves[w][0], y: &curves[w][1], style: Style::Line });
         Plot {
             title,
             x: Axis::new("time", "s"),
@@ -99,7 +103,7 @@ fn depositions(found: &mut Findings) -> Result<(), CaseError> {
     Ok(())
 }
 
-/// Kinetic energy at the end, as a share of its peak; of a world that was stopped, what it had then.
+/// Kinetic energy at the end, as a share of its peak.
 fn left_of_peak(series: &[Sample]) -> f64 {
     let peak = series.iter().map(kinetic).fold(0.0, f64::max);
     let end = series.last().map_or(0.0, |s| s.time - END);
@@ -117,7 +121,8 @@ fn convergence(found: &mut Findings) -> Result<(), CaseError> {
     let mut curves = Vec::new();
     for (label, e) in [("elastic", 1.0), ("damped", 0.5)] {
         for kind in IntegratorKind::ALL {
-            let errors = RESOLUTIONS.map(|n| rebound_error(kind, e, n)).into_iter().collect::<Result<Vec<_>, _>>()?;
+            let errors =
+                RESOLUTIONS.map(|n| rebound_error(kind, e, n)).into_iter().collect::<Result<Vec<_>, _>>()?;
             // Errors fall as steps per collision grow: the order is minus the slope.
             let order = -power_law(&RESOLUTIONS, &errors);
             let name = format!("{label}_{}_order", kind.name());

@@ -37,7 +37,7 @@ const SCENE: SceneFile = scene_file!("B10-restart/scene.toml");
 /// Step after which one run forgets contact history.
 const FORGET_AT: u64 = 250;
 
-fn run(_: &Trial) -> Result<Findings, CaseError> {
+fn run(_: Trial) -> Result<Findings, CaseError> {
     let mut found = Findings::default();
     let folder = Folder::new()?;
     let mut curves = Vec::new();
@@ -48,7 +48,10 @@ fn run(_: &Trial) -> Result<Findings, CaseError> {
         found.zero(format!("{name}_steps_that_differ"), together.differing as f64);
         found.report(format!("{name}_steps_compared"), together.steps as f64);
         found.report(format!("{name}_rebuilds"), together.rebuilds as f64);
-        found.report(format!("{name}_without_history_departs_mm"), together.forgetful.last().copied().unwrap_or_default());
+        found.report(
+            format!("{name}_without_history_departs_mm"),
+            together.forgetful.last().copied().unwrap_or_default(),
+        );
         curves.push((name, together));
     }
     found.figures.push(("departure", figure(&curves)));

@@ -50,7 +50,13 @@ const SUPPORTS: [Support; 5] = [
     Support { name: "tilted_plane", floor: tilted, up: SLOPE, place: PLACE, sphere: false },
     // The upper side of the slab is two triangles that meet on its diagonal, x = y.
     Support { name: "triangle_face", floor: slab, up: [0.0, 0.0, 1.0], place: PLACE, sphere: false },
-    Support { name: "triangle_edge", floor: slab, up: [0.0, 0.0, 1.0], place: [0.7, 0.7, 0.8], sphere: false },
+    Support {
+        name: "triangle_edge",
+        floor: slab,
+        up: [0.0, 0.0, 1.0],
+        place: [0.7, 0.7, 0.8],
+        sphere: false,
+    },
     Support { name: "sphere", floor: plane, up: [0.0, 0.0, 1.0], place: PLACE, sphere: true },
 ];
 
@@ -66,9 +72,8 @@ fn slab(at: Vec3, side: f64) -> String {
     format!("box = {{ min = [0, 0, {:?}], max = [{side:?}, {side:?}, {:?}] }}", 0.5 * at[2], at[2])
 }
 
-fn run(_: &Trial) -> Result<Findings, CaseError> {
-    let variants: Vec<(&Support, f64)> =
-        SUPPORTS.iter().flat_map(|s| BOXES.map(|side| (s, side))).collect();
+fn run(_: Trial) -> Result<Findings, CaseError> {
+    let variants: Vec<(&Support, f64)> = SUPPORTS.iter().flat_map(|s| BOXES.map(|side| (s, side))).collect();
     let worlds = variants.iter().map(|(s, side)| SCENE.world(&sets(s, *side))).collect::<Result<_, _>>()?;
     let done = run_to_end(worlds)?.all_done()?;
     let spec = &done.batch.constants(0).spec;
@@ -80,7 +85,8 @@ fn run(_: &Trial) -> Result<Findings, CaseError> {
     for (w, (support, side)) in variants.iter().enumerate() {
         let state = done.batch.state(w);
         let x = positions(done.batch.constants(w), &state);
-        let height = |k: usize| (0..3).map(|a| (x[k][a] - support.place[a] * side) * support.up[a]).sum::<f64>();
+        let height =
+            |k: usize| (0..3).map(|a| (x[k][a] - support.place[a] * side) * support.up[a]).sum::<f64>();
         let radius = |k: usize| f64::from(state.particles.place[k].radius);
         let of = |id: u32| state.particles.id.iter().position(|i| *i == id).unwrap_or_default();
         let overlap = if support.sphere {

@@ -21,8 +21,8 @@ use std::time::Instant;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use glebe_io::output::OutputError;
 
-pub use case::{Case, CaseError, Findings, Metric, Outcome};
 use crate::cli::Ui;
+pub use case::{Case, CaseError, Findings, Metric, Outcome};
 use trial::Trial;
 pub(crate) use trial::power_law;
 
@@ -134,7 +134,8 @@ pub fn run(args: &ValidateArgs, ui: &Ui) -> Result<bool, ValidateError> {
 /// [`ValidateError::Case`] if its scene cannot be built or run.
 pub fn evaluate(case: &'static Case, quick: bool) -> Result<Outcome, ValidateError> {
     let began = Instant::now();
-    let findings = (case.run)(&Trial { quick }).map_err(|source| ValidateError::Case { id: case.id, source })?;
+    let findings =
+        (case.run)(Trial { quick }).map_err(|source| ValidateError::Case { id: case.id, source })?;
     Ok(Outcome { case, findings, seconds: began.elapsed().as_secs_f64() })
 }
 

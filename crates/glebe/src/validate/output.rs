@@ -28,10 +28,11 @@ pub fn claim(folder: &Path, cases: &[&Case]) -> Result<(), OutputError> {
         return Err(malformed(results));
     }
     for entry in fs::read_dir(folder).map_err(|e| refused(folder, "read this folder", e))?.flatten() {
-        let name = entry.file_name();
-        let Some(name) = name.to_str().filter(|name| name.ends_with(".svg")) else { continue };
-        if cases.iter().any(|c| name.starts_with(&stem(c))) && foreign(&entry.path(), SVG_MARK) {
-            return Err(malformed(entry.path()));
+        let path = entry.path();
+        let figure = path.extension().is_some_and(|e| e == "svg");
+        let named = |case: &&Case| entry.file_name().to_string_lossy().starts_with(&stem(case));
+        if figure && cases.iter().any(named) && foreign(&path, SVG_MARK) {
+            return Err(malformed(path));
         }
     }
     Ok(())

@@ -76,9 +76,7 @@ impl Finished {
     /// Refuses to go on if a world was stopped.
     pub fn all_done(self) -> Result<Self, CaseError> {
         match (0..self.batch.len()).find(|&w| *self.batch.status(w) != Status::Done) {
-            Some(w) => {
-                Err(CaseError::stopped(&self.batch.constants(w).spec.title, self.batch.status(w)))
-            }
+            Some(w) => Err(CaseError::stopped(&self.batch.constants(w).spec.title, self.batch.status(w))),
             None => Ok(self),
         }
     }
@@ -122,8 +120,7 @@ pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
 pub fn power_law(x: &[f64], y: &[f64]) -> f64 {
     let points: Vec<[f64; 2]> = x.iter().zip(y).map(|(x, y)| [x.ln(), y.ln()]).collect();
     let centre = [0, 1].map(|k| mean(points.iter().map(|p| p[k])));
-    let product = |i: usize, j: usize| {
-        points.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum::<f64>()
-    };
+    let product =
+        |i: usize, j: usize| points.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum::<f64>();
     product(0, 1) / product(0, 0)
 }

@@ -1,6 +1,11 @@
 //! Runs the program as users do.
 
-#![allow(dead_code, clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail by panicking, and no test uses all")]
+#![allow(
+    dead_code,
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "helpers of tests fail by panicking, and no test uses all"
+)]
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -28,7 +28,7 @@ use super::common::{Portrait, Standing, outside, overlap_failure, quoted, runawa
 use super::{Detail, Fleet, Job, Moment, PhaseTimes};
 use crate::failure::Failure;
 use crate::lattice::{norm, sub};
-use crate::setup::{BoundaryShape, Constants, SKIN_MAX};
+use crate::setup::{BoundaryShape, Constants, SKIN_MAX, SKIN_MIN};
 use crate::spec::Pose;
 use crate::state::{Particles, Progress, Spin, State, Velocity};
 
@@ -187,8 +187,8 @@ impl CpuWorld {
         let mean = self.c.radius_mean;
         if interval < 12 {
             g.skin = (1.25 * g.skin).min(SKIN_MAX * mean);
-        } else if interval > 80 {
-            g.skin = (0.8 * g.skin).max(0.1 * mean);
+        } else if interval > 40 {
+            g.skin = (0.8 * g.skin).max(SKIN_MIN * mean);
         }
         let mut old: Vec<u32> = (0..self.p.len() as u32).collect();
         let keep = self.leavers(g);
