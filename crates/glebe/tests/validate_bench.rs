@@ -1,5 +1,7 @@
 //! `glebe bench` on beds so small that they settle in a second.
 
+#![allow(clippy::unwrap_used, reason = "a failed unwrap fails the test")]
+
 use std::path::Path;
 use std::process::{Command, Output};
 

@@ -62,8 +62,8 @@ const HEADROOM: f64 = 1.25;
 const SEED: u64 = 1;
 /// Steps between samples.
 pub const SAMPLE_STEPS: u64 = 1000;
-/// Kinetic energy below which a bed counts as settled, over that of a fall of every particle by 2 mm (R of the mono
-/// bed).
+/// Kinetic energy below which a bed counts as settled, over that of a fall of every particle by 2 mm (R of
+/// the mono bed).
 const SETTLED: f64 = 1e-4;
 /// Most time that settling takes \[s\].
 const SETTLE_MOST: f64 = 0.2;
@@ -114,8 +114,8 @@ impl Bed {
         (solid_volume(radii) / SOLID_FRACTION).cbrt()
     }
 
-    /// The bed's world: it settles, warms up, and runs for `steps`. Its particles have the radii given and are
-    /// where `place` puts them.
+    /// The bed's world: it settles, warms up, and runs for `steps`. Its particles have the radii given and
+    /// are where `place` puts them.
     fn world(&self, radii: &[f64], place: impl Fn(usize) -> Vec3, steps: u64, ledger: bool) -> WorldSpec {
         let width = Self::width(radii);
         let sides = [[Side::Wall; 2], [Side::Wall; 2], [Side::Wall, Side::Open]];
@@ -198,7 +198,8 @@ impl Bed {
     }
 }
 
-/// A packing as dense as [`SOLID_FRACTION`], or, in boxes so narrow that their walls do not let it be, nearly so.
+/// A packing as dense as [`SOLID_FRACTION`], or, in boxes so narrow that their walls do not let it be,
+/// nearly so.
 fn dense(request: FillRequest<'_>) -> Result<Vec<Vec3>, GenerateError> {
     let mut fraction = SOLID_FRACTION;
     loop {

@@ -1,9 +1,9 @@
 //! The benchmark: how many particle-steps a second this machine does on a settled bed.
 //!
-//! The bed is dense and random, in an open-topped box with frictional walls under gravity: Hertz-Mindlin contacts with
-//! truncated history and rolling friction. It is settled once and kept; then the same steps are timed again and again
-//! from the same state, with everything that a step needs in a real run: contacts, history, walls, rebuilds, and a
-//! sample every 1000 steps.
+//! The bed is dense and random, in an open-topped box with frictional walls under gravity: Hertz-Mindlin
+//! contacts with truncated history and rolling friction. It is settled once and kept; then the same steps
+//! are timed again and again from the same state, with everything that a step needs in a real run:
+//! contacts, history, walls, rebuilds, and a sample every 1000 steps.
 
 mod bed;
 mod report;

@@ -21,7 +21,7 @@ pub fn json(rows: &[Row], args: &BenchArgs) -> Value {
                 "max": r.rates.last(),
                 "all": r.rates,
             },
-            "phases": r.phases.iter().map(|(name, share)| ((*name).to_owned(), json!(share))).collect::<serde_json::Map<_, _>>(),
+            "phases": object(r.phases.iter().copied()),
             "rebuilds": r.rebuilds,
             "coordination": r.coordination,
             "bytes_per_particle": r.bytes_per_particle,
@@ -47,8 +47,12 @@ pub fn json(rows: &[Row], args: &BenchArgs) -> Value {
             "material": m,
         },
         "beds": beds.collect::<Vec<_>>(),
-        "cost_exponent": exponents(rows).into_iter().map(|(kind, p)| (kind.name().to_owned(), json!(p))).collect::<serde_json::Map<_, _>>(),
+        "cost_exponent": object(exponents(rows).into_iter().map(|(kind, p)| (kind.name(), p))),
     })
+}
+
+fn object(entries: impl Iterator<Item = (&'static str, f64)>) -> Value {
+    entries.map(|(name, value)| (name.to_owned(), json!(value))).collect::<serde_json::Map<_, _>>().into()
 }
 
 pub fn table(rows: &[Row], args: &BenchArgs) -> String {
@@ -66,7 +70,8 @@ pub fn table(rows: &[Row], args: &BenchArgs) -> String {
     ));
     let ledger = if args.ledger { "with" } else { "without" };
     line(format_args!(
-        "{} steps, {} times, {ledger} energy ledger, a sample every {SAMPLE_STEPS} steps; rates in million particle-steps/s",
+        "{} steps, {} times, {ledger} energy ledger, a sample every {SAMPLE_STEPS} steps; rates in million \
+         particle-steps/s",
         args.steps, args.repeat
     ));
     let phases: Vec<&str> = rows.first().map_or(Vec::new(), |r| r.phases.iter().map(|p| p.0).collect());

@@ -23,7 +23,8 @@ pub struct Row {
     pub settle_steps: u64,
     /// Particle-steps a second of each repeat, ascending.
     pub rates: Vec<f64>,
-    /// Phases, with their shares of the wall time of all repeats; the rest is sampling and what is between phases.
+    /// Phases, with their shares of the wall time of all repeats; the rest is sampling and what is between
+    /// phases.
     pub phases: Vec<(&'static str, f64)>,
     /// Rebuilds of neighbour lists in the timed steps.
     pub rebuilds: u64,

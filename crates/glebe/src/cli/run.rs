@@ -88,7 +88,12 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     if args.profile {
         ui.note(profile(&summary).trim_end());
     }
-    let resume = format!("glebe run {} --out {} --resume", args.scene.scene.display(), out.display());
+    let resume = format!(
+        "glebe run {} --out {} --resume{}",
+        args.scene.scene.display(),
+        out.display(),
+        repeat(&args.scene.sets)
+    );
     match summary.status {
         Status::Done => {
             let mut value = json!(summary);
@@ -100,10 +105,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
             let mut value = json!(summary);
             value["resume"] = json!(resume);
             ui.result(&value, "");
-            ui.note(&format!(
-                "interrupted; the state is kept. To go on: {resume}{}",
-                repeat(&args.scene.sets)
-            ));
+            ui.note(&format!("interrupted; the state is kept. To go on: {resume}"));
             Ok(Ended::Interrupted)
         }
         _ => Err(Problem::Failed(format!(

@@ -1,11 +1,12 @@
 //! Step sizes and integrators (Nagy et al. 2024, section 3.3, figures 6 and A.16).
 //!
-//! The paper's: material of table B.5 column 2, walls of the thesis' table 6.2 column 3, steps and 2.5 s, four
-//! integrators at 1e-3 s. Chosen: 1024 spheres in 0.7 × 0.7 m, starting at rest at a solid fraction of 0.3, pairs
-//! with a wall mixed by the mean.
+//! The paper's: material of table B.5 column 2, walls of the thesis' table 6.2 column 3, steps and 2.5 s,
+//! four integrators at 1e-3 s. Chosen: 1024 spheres in 0.7 × 0.7 m, starting at rest at a solid fraction
+//! of 0.3, pairs with a wall mixed by the mean.
 //!
-//! The order of convergence is measured on one impact, whose rebound speed is known: e times the speed before. Errors
-//! are root mean squares over phases, the parts of a step that are left when the sphere touches.
+//! The order of convergence is measured on one impact, whose rebound speed is known: e times the speed
+//! before. Errors are root mean squares over phases, the parts of a step that are left when the sphere
+//! touches.
 
 use glebe_engine::batch::{Sample, Status};
 use glebe_engine::spec::WorldSpec;
@@ -18,7 +19,7 @@ use super::trial::{SceneFile, Trial, kinetic, mean, power_law, run_to_end, scene
 pub(super) const CASE: Case = Case {
     id: "A3",
     name: "step-study",
-    shows: "kinetic energy left by large steps and by four integrators, and their order of convergence on an impact",
+    shows: "energy left by large steps and by four integrators, and the integrators' order on one impact",
     source: "Nagy et al. 2024 (GPUDEM), section 3.3, figures 6 and A.16, table B.5 column 2",
     run,
 };
@@ -110,8 +111,8 @@ fn left_of_peak(series: &[Sample]) -> f64 {
     mean(series.iter().filter(|s| s.time > end).map(kinetic)) / peak
 }
 
-/// Steps in the time of an elastic collision. With 400 what single precision leaves (3e-7 to 7e-7 of the speed) would be
-/// as large as the error of `euler` and `velocity-verlet`, and no order could be seen.
+/// Steps in the time of an elastic collision. With 400 what single precision leaves (3e-7 to 7e-7 of the
+/// speed) would be as large as the error of `euler` and `velocity-verlet`, and no order could be seen.
 const RESOLUTIONS: [f64; 4] = [25.0, 50.0, 100.0, 200.0];
 const PHASES: usize = 16;
 /// Speed before the impact \[m/s\].

@@ -1,10 +1,10 @@
 //! Oblique impact of a sphere on a plane without gravity (Fang et al. 2021, section 4.1.1 and figure 5).
 //!
-//! If friction is saturated throughout the impact, rigid-body dynamics give the rebound: with θ from the normal,
-//! `e_t = v't/vt = 1 - μ(1+e)/tan θ` and `ω = 5/2 μ(1+e) vₙ/R`, for θ above `arctan(7/2 μ(1+e))`.
+//! If friction is saturated throughout the impact, rigid-body dynamics give the rebound: with θ from the
+//! normal, `e_t = v't/vt = 1 - μ(1+e)/tan θ` and `ω = 5/2 μ(1+e) vₙ/R`, for θ above `arctan(7/2 μ(1+e))`.
 //!
-//! The paper's: friction 0.3, the formulae. Chosen: e = 0.9 (the paper's figure has 1), R, ρ, E, ν, 1 m/s, angles,
-//! and a step of 1/2000 of the collision. The formulae take e as measured.
+//! The paper's: friction 0.3, the formulae. Chosen: e = 0.9 (the paper's figure has 1), R, ρ, E, ν, 1 m/s,
+//! angles, and a step of 1/2000 of the collision. The formulae take e as measured.
 
 use glebe_engine::spec::WorldSpec;
 use glebe_physics::hertz_collision_time;
@@ -16,7 +16,7 @@ use super::trial::{SceneFile, Trial, run_to_end, scene_file};
 pub(super) const CASE: Case = Case {
     id: "B1",
     name: "oblique-impact",
-    shows: "rebound and spin of a sphere that hits a plane at 5 to 85 degrees from the normal, against closed forms",
+    shows: "rebound and spin of a sphere that hits a plane at 5 to 85 degrees, against closed forms",
     source: "Fang et al. 2021 (Chrono::GPU), section 4.1.1; Wu, Thornton and Li 2003",
     run,
 };

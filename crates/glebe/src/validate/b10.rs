@@ -1,11 +1,11 @@
 //! Stop and restart at any step (Fang et al. 2021, section 3.4).
 //!
-//! Beside the uninterrupted run goes one that is stopped after *every* step, written to a checkpoint file, read back
-//! and taken up anew. Their complete states are compared byte for byte after each step, so a restart at any step
-//! continues to the same bits. Done for each integrator.
+//! Beside the uninterrupted run goes one that is stopped after *every* step, written to a checkpoint file,
+//! read back and taken up anew. Their complete states are compared byte for byte after each step, so a
+//! restart at any step continues to the same bits. Done for each integrator.
 //!
-//! The small file of the paper's program leaves contact history out. That is allowed, but is not the same run: how far
-//! it departs is reported.
+//! The small file of the paper's program leaves contact history out. That is allowed, but is not the same
+//! run: how far it departs is reported.
 //!
 //! Everything about the scene is chosen.
 
@@ -28,7 +28,7 @@ use super::trial::{Record, SceneFile, Trial, scene_file};
 pub(super) const CASE: Case = Case {
     id: "B10",
     name: "restart",
-    shows: "a run that is stopped and restarted from its file after every step equals the uninterrupted one bit for bit",
+    shows: "a run restarted from its file after every step equals the uninterrupted one bit for bit",
     source: "Fang et al. 2021 (Chrono::GPU), section 3.4",
     run,
 };
@@ -128,7 +128,8 @@ fn through_file(state: &State, file: &Path) -> Result<State, CaseError> {
     Ok(State::from_bytes(&checkpoint::read(file)?.state)?)
 }
 
-/// Largest distance between the same sphere in both states \[mm\]; infinite if they have not the same spheres.
+/// Largest distance between the same sphere in both states \[mm\]; infinite if they have not the same
+/// spheres.
 fn departure(constants: &Arc<Constants>, a: &State, b: &State) -> f64 {
     let places = |s: &State| {
         let mut all: Vec<_> = s.particles.id.iter().copied().zip(positions(constants, s)).collect();

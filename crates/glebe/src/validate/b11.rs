@@ -1,9 +1,11 @@
-//! A sphere at rest whose overlap is 1e-5 of its radius (Fang et al. 2021, section 3.1): positions must be exact.
+//! A sphere at rest whose overlap is 1e-5 of its radius (Fang et al. 2021, section 3.1): positions must be
+//! exact.
 //!
-//! The paper's: R, ρ, g, and `F = K δ^1.5` with K = 1e8 N/m^1.5, so that `δ = (m g/K)^(2/3) = 1.0174e-8 m`. Chosen:
-//! the supports, the 100 m box, damping and step. The overlap is what the positions say, with the radius that the
-//! engine holds in single precision (its rounding is 5e-11 m). On the tilted plane gravity is tilted alike. The
-//! engine has no sphere that is held, so the supporting one lies on a plane and has come to rest itself.
+//! The paper's: R, ρ, g, and `F = K δ^1.5` with K = 1e8 N/m^1.5, so that `δ = (m g/K)^(2/3) = 1.0174e-8
+//! m`. Chosen: the supports, the 100 m box, damping and step. The overlap is what the positions say, with
+//! the radius that the engine holds in single precision (its rounding is 5e-11 m). On the tilted plane
+//! gravity is tilted alike. The engine has no sphere that is held, so the supporting one lies on a plane
+//! and has come to rest itself.
 
 use std::f64::consts::PI;
 
@@ -17,7 +19,7 @@ use super::trial::{SceneFile, Trial, run_to_end, scene_file};
 pub(super) const CASE: Case = Case {
     id: "B11",
     name: "resting-sphere",
-    shows: "an overlap of 1e-8 m under a sphere of 1 mm on planes, triangles and a sphere, 100 m from the origin too",
+    shows: "overlap of 1e-8 m of a sphere of 1 mm on planes, triangles, a sphere, in a 1 m and a 100 m box",
     source: "Fang et al. 2021 (Chrono::GPU), section 3.1",
     run,
 };
@@ -103,7 +105,8 @@ fn run(_: Trial) -> Result<Findings, CaseError> {
     Ok(found)
 }
 
-/// The overlap on its way to rest; of two contacts the larger, which is the sphere's on the plane, is left out.
+/// The overlap on its way to rest; of two contacts the larger, which is the sphere's on the plane, is left
+/// out.
 fn figure(
     series: &[Vec<glebe_engine::batch::Sample>],
     variants: &[(&Support, f64)],

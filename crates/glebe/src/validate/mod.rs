@@ -1,10 +1,11 @@
 //! The validation suite: cases whose outcome is published or exact, from scenes in `validation/`.
 //!
-//! A new case is **one file and one row**: a file beside this one with a `pub(super) const CASE: Case`, which says
-//! where its numbers come from and which of them are chosen; a folder `validation/ID-name` with its scene; its module
-//! and its row in `CASES`. Command line, help, JSON and tests follow from the row.
+//! A new case is **one file and one row**: a file beside this one with a `pub(super) const CASE: Case`,
+//! which says where its numbers come from and which of them are chosen; a folder `validation/ID-name` with
+//! its scene; its module and its row in `CASES`. Command line, help, JSON and tests follow from the row.
 //!
-//! Nothing is tuned to pass: parameters are the source's, and tolerances are written before the run.
+//! Nothing is tuned to pass: parameters are the source's, and what the source leaves open and we chose is
+//! said in the case's file.
 
 mod a1;
 mod a3;
@@ -95,7 +96,7 @@ impl ValidateError {
     /// 2 if what was asked for is wrong, 1 if running it failed.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Unknown { .. } => 2,
+            Self::Unknown { .. } | Self::Output(OutputError::Malformed { .. }) => 2,
             _ => 1,
         }
     }

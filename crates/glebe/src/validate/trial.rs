@@ -116,11 +116,15 @@ pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     sum / n
 }
 
-/// Slope of the straight line through `(ln x, ln y)` by least squares.
-pub fn power_law(x: &[f64], y: &[f64]) -> f64 {
-    let points: Vec<[f64; 2]> = x.iter().zip(y).map(|(x, y)| [x.ln(), y.ln()]).collect();
+/// Slope of the straight line through points `(x, y)` by least squares.
+pub fn slope(points: &[[f64; 2]]) -> f64 {
     let centre = [0, 1].map(|k| mean(points.iter().map(|p| p[k])));
     let product =
         |i: usize, j: usize| points.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum::<f64>();
     product(0, 1) / product(0, 0)
+}
+
+/// The exponent p of `y ∝ x^p`, by least squares on logarithms.
+pub fn power_law(x: &[f64], y: &[f64]) -> f64 {
+    slope(&x.iter().zip(y).map(|(x, y)| [x.ln(), y.ln()]).collect::<Vec<_>>())
 }
