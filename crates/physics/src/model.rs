@@ -108,6 +108,9 @@ pub struct ParameterInfo {
     pub default: Option<f64>,
     /// Least allowed value.
     pub min: f64,
+    /// A usual value for grains of some millimetres: an example in the schema, and what the conformance
+    /// suites run with.
+    pub typical: f64,
     /// One line.
     pub summary: &'static str,
 }

@@ -112,7 +112,7 @@ pub fn force_is_the_slope_of_energy(backend: Backend) {
                     (energy, dot(run.bodies()[0].force, toward))
                 };
                 for pair in [true, false] {
-                    let (delta, h) = (overlap * RADIUS, 0.01 * overlap * RADIUS);
+                    let (delta, h) = (overlap * RADIUS, 0.005 * overlap * RADIUS);
                     let slope = (look(delta + h, pair).0 - look(delta - h, pair).0) / (2.0 * h);
                     let force = look(delta, pair).1;
                     // Spring and cohesion may nearly cancel.

@@ -65,16 +65,10 @@ pub fn rectangle(min: [f64; 2], max: [f64; 2]) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     (vec![[a, b, 0.0], [c, b, 0.0], [c, d, 0.0], [a, d, 0.0]], vec![[0, 1, 2], [0, 2, 3]])
 }
 
-/// The law of `info` with sensible values for the parameters that it requires.
+/// The law of `info` with the typical values of the parameters that it requires.
 pub fn choice(info: &LawInfo) -> LawChoice {
-    info.parameters.iter().filter(|p| p.required).fold(LawChoice::named(info.name), |c, p| {
-        let value = match p.unit {
-            "N/m" => 1e4,
-            "N" => 1e-3,
-            _ => p.min.max(1.0),
-        };
-        c.with(p.name, value)
-    })
+    let required = info.parameters.iter().filter(|p| p.required);
+    required.fold(LawChoice::named(info.name), |c, p| c.with(p.name, p.typical))
 }
 
 /// Contact models with every registered law at least once, the other slots at rolling default.

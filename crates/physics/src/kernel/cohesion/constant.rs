@@ -20,6 +20,7 @@ impl Law for Constant {
             required: true,
             default: None,
             min: 0.0,
+            typical: 1e-3,
             summary: "attraction in every contact",
         }],
     };

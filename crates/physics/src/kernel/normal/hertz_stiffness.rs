@@ -25,6 +25,7 @@ impl Law for HertzStiffness {
                 required: true,
                 default: None,
                 min: f64::MIN_POSITIVE,
+                typical: 1e5,
                 summary: "normal stiffness k̂ at an overlap of one diameter",
             },
             ParameterInfo {
@@ -33,6 +34,7 @@ impl Law for HertzStiffness {
                 required: false,
                 default: Some(0.0),
                 min: 0.0,
+                typical: 1e3,
                 summary: "normal damping γ̂ per effective mass",
             },
         ],

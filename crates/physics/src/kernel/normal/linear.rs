@@ -23,6 +23,7 @@ impl Law for Linear {
                 required: true,
                 default: None,
                 min: f64::MIN_POSITIVE,
+                typical: 1e4,
                 summary: "spring constant k",
             },
             ParameterInfo {
@@ -31,6 +32,7 @@ impl Law for Linear {
                 required: false,
                 default: None,
                 min: 0.0,
+                typical: 0.1,
                 summary: "dashpot constant; left out, it follows from the restitution",
             },
         ],

@@ -22,6 +22,7 @@ impl Law for HertzStiffnessTangential {
                 required: true,
                 default: None,
                 min: f64::MIN_POSITIVE,
+                typical: 8e4,
                 summary: "tangential stiffness k̂ₜ at an overlap of one diameter",
             },
             ParameterInfo {
@@ -30,6 +31,7 @@ impl Law for HertzStiffnessTangential {
                 required: false,
                 default: Some(0.0),
                 min: 0.0,
+                typical: 1e3,
                 summary: "tangential damping γ̂ₜ per effective mass",
             },
         ],

@@ -21,6 +21,7 @@ impl Law for LinearTangential {
                 required: true,
                 default: None,
                 min: f64::MIN_POSITIVE,
+                typical: 5e3,
                 summary: "spring constant; 2/7 to 1 of the normal one is usual",
             },
             ParameterInfo {
@@ -29,6 +30,7 @@ impl Law for LinearTangential {
                 required: false,
                 default: None,
                 min: 0.0,
+                typical: 0.1,
                 summary: "dashpot constant; left out, it follows from the restitution",
             },
         ],
