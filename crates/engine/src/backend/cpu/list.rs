@@ -335,11 +335,18 @@ impl Search<'_> {
                             block.patches.push(patch(local, b, (0, 0)));
                         }
                     }
-                    BoundaryShape::Mesh(_, bvh) => {
+                    BoundaryShape::Mesh(mesh, bvh) => {
                         let begin = block.facets.len();
                         for shift in images(self.c.lattice.periodic) {
                             near.clear();
-                            bvh.near(pose.inverse(self.c.shifted(at, shift)), reach, &mut near);
+                            let x = pose.inverse(self.c.shifted(at, shift));
+                            bvh.near(x, reach, &mut near);
+                            // Boxes around long triangles reach far; only what is near is looked at each step.
+                            near.retain(|&t| {
+                                let corners = mesh.triangles[t as usize];
+                                let vertices = corners.map(|v| sub(mesh.vertices[v as usize], x));
+                                crate::surface::touch(vertices, t, shift, reach).is_some()
+                            });
                             near.sort_unstable();
                             block.facets.extend(near.iter().map(|&triangle| Facet { triangle, shift }));
                         }
