@@ -234,7 +234,7 @@ impl Batch {
         let world = &mut self.worlds[w];
         world.particles = world.constants.count_now(&world.progress);
         let sample = world.sample(&moment);
-        let frame = world.frames.is_some_and(|f| world.progress.samples.is_multiple_of(f));
+        let frame = world.frames.is_some_and(|f| world.progress.step.is_multiple_of(world.every * f));
         observer.sample(w, &sample)?;
         if frame {
             self.frame(w, observer)?;
@@ -297,8 +297,16 @@ impl Batch {
         let mut removed = 0;
         for action in actions {
             match action {
-                Action::Insert(s) => state.progress.surfaces[*s].present = true,
-                Action::Withdraw(s) => state.progress.surfaces[*s].present = false,
+                Action::Insert(s) => {
+                    let surface = &mut state.progress.surfaces[*s];
+                    surface.since = if surface.present { surface.since } else { state.progress.step };
+                    surface.present = true;
+                }
+                Action::Withdraw(s) => {
+                    let pose = state.progress.surfaces[*s].placed(&c, *s, &state.progress).pose;
+                    state.progress.surfaces[*s].base = pose;
+                    state.progress.surfaces[*s].present = false;
+                }
                 Action::RemoveBeyond { axis, limit } => {
                     let keep: Vec<bool> =
                         positions(&c, &state).iter().map(|x| dot(*x, *axis) <= *limit).collect();
@@ -307,6 +315,8 @@ impl Batch {
             }
         }
         state.progress.stale = true;
+        // Accelerations of the configuration before are not those of this one.
+        state.progress.primed = false;
         self.fleet.load(w, &mut state);
         let after = self.fleet.observe(w, &state.progress);
         let energy = |m: &Moment| m.kinetic() + m.potential + m.elastic_normal + m.elastic_tangential;
@@ -325,9 +335,17 @@ impl Batch {
     ) -> Result<(), O::Error> {
         let world = &mut self.worlds[w];
         let c = world.constants.clone();
-        // Surfaces stay where they are; the next stage's motion begins from there.
+        // Where the motion changes the new one begins from where the surface stands; a motion that lasts over
+        // stages goes on undisturbed.
+        let next = world.progress.stage + 1;
         let placed: Vec<_> = (0..c.spec.surfaces.len())
-            .map(|s| world.progress.surfaces[s].placed(&c, s, &world.progress).pose)
+            .map(|s| {
+                let moved = |stage: usize| {
+                    c.spec.stages.get(stage).is_some_and(|st| st.moves.iter().any(|(m, _)| *m == s))
+                };
+                (moved(next) || moved(next - 1))
+                    .then(|| world.progress.surfaces[s].placed(&c, s, &world.progress).pose)
+            })
             .collect();
         let g = &mut world.progress;
         let index = g.stage;
@@ -339,14 +357,17 @@ impl Batch {
             measures: std::mem::take(&mut g.measures),
         };
         for (surface, pose) in g.surfaces.iter_mut().zip(placed) {
-            surface.base = pose;
-            surface.since = g.step;
+            if let Some(pose) = pose {
+                surface.base = pose;
+                surface.since = g.step;
+            }
         }
         g.path.fill(0.0);
         g.stage += 1;
         g.stage_since = g.step;
         g.stage_begun = false;
         g.was_above = false;
+        g.kinetic = 0.0;
         g.trimmed = 0;
         let measures = c.spec.stages.get(g.stage).map_or(0, |s| s.measures.len());
         g.measures = vec![MeasureState::default(); measures];
@@ -368,7 +389,7 @@ impl World {
         let g = &self.progress;
         let to_sample = self.every - g.step % self.every;
         match self.stage_steps() {
-            Some(limit) => to_sample.min((g.stage_since + limit).saturating_sub(g.step)).max(1),
+            Some(limit) => to_sample.min(g.stage_since.saturating_add(limit).saturating_sub(g.step)).max(1),
             None => to_sample,
         }
     }
@@ -384,7 +405,11 @@ impl World {
         let done = self.progress.step - self.progress.stage_since;
         if let Some(limit) = until.kinetic_energy_below {
             self.progress.was_above |= kinetic >= limit;
-            if kinetic < limit && (self.progress.was_above || done >= PATIENCE) {
+            // Grains that begin to fall are slow too: without having been above the limit the energy must at
+            // least not be rising.
+            let quiet = done >= PATIENCE && kinetic <= self.progress.kinetic;
+            self.progress.kinetic = kinetic;
+            if kinetic < limit && (self.progress.was_above || quiet) {
                 return Some("kinetic energy");
             }
         }

@@ -161,6 +161,11 @@ fn invert(m: &[Vec3; 3]) -> [Vec3; 3] {
     [0, 1, 2].map(|k| [p[k] / det, q[k] / det, r[k] / det])
 }
 
+/// Determinant of a matrix given by rows.
+pub fn determinant(m: &[Vec3; 3]) -> f64 {
+    dot(m[0], cross(m[1], m[2]))
+}
+
 /// `m·v` with `m` given by rows.
 #[inline]
 pub fn mul(m: &[Vec3; 3], v: Vec3) -> Vec3 {

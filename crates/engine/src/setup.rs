@@ -7,12 +7,14 @@ use glebe_physics::{Impact, Laws, PairCoefficients, PairOverride, PairProperties
 
 use crate::failure::SetupError;
 use crate::lattice::{Lattice, norm};
-use crate::spec::{Motion, Pose, Shape, Side, Step, TriMesh, Vec3, WorldSpec};
+use crate::spec::{Action, Component, Motion, Pose, Shape, Side, Step, TriMesh, Vec3, WorldSpec};
 use crate::state::{MeasureState, Particles, Place, Progress, Spin, State, SurfaceState, Velocity};
 use crate::surface::Bvh;
 
 /// Largest skin as a share of the mean radius; lists widen their reach up to it when particles move fast.
 pub const SKIN_MAX: f64 = 1.0;
+/// Most floats that laws may remember per contact.
+pub const MEMORY: usize = 8;
 /// Smallest skin as a share of the mean radius: below it rebuilds cost more than candidates.
 pub const SKIN_MIN: f64 = 0.04;
 /// Skin that a world starts with, as a share of the mean radius.
@@ -107,6 +109,13 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
     let laws = Laws::resolve(&spec.contact)?;
     check_materials(&spec)?;
     check_particles(&spec)?;
+    check_references(&spec)?;
+    if laws.history().len() > MEMORY {
+        return Err(SetupError::Invalid(format!(
+            "these laws remember {} numbers per contact; backends hold {MEMORY}",
+            laws.history().len()
+        )));
+    }
     let materials = spec.materials.len();
     let mut pairs = Vec::with_capacity(materials * materials);
     for a in 0..materials {
@@ -133,6 +142,7 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
     let mut warnings = Vec::new();
     let dt = time_step(&spec, limits, &mut warnings)?;
 
+    check_start(&spec, &set, &boundaries, &mut warnings)?;
     let mut particles = Particles::default();
     for i in 0..count {
         let e = lattice.encode(set.position[i]);
@@ -251,10 +261,65 @@ fn check_materials(spec: &WorldSpec) -> Result<(), SetupError> {
     Ok(())
 }
 
+/// Checks that every number that points into a list does, so that nothing is looked up in vain later.
+fn check_references(spec: &WorldSpec) -> Result<(), SetupError> {
+    let (materials, surfaces) = (spec.materials.len(), spec.surfaces.len());
+    let bad = |what: String| Err(SetupError::Invalid(what));
+    let d = &spec.domain;
+    let cell = crate::lattice::determinant(&d.cell);
+    if !(cell.is_finite() && cell > 0.0) || d.origin.iter().any(|x| !x.is_finite()) {
+        return bad(format!("the domain's cell has the volume {cell} m³; it must be above 0"));
+    }
+    if d.material.is_some_and(|m| m >= materials) {
+        return bad("the domain's material does not exist".to_owned());
+    }
+    if spec.pairs.iter().any(|(a, b, _)| *a >= materials || *b >= materials) {
+        return bad("a pair names a material that does not exist".to_owned());
+    }
+    for s in &spec.surfaces {
+        let pose = s.pose.translation.iter().chain(&s.pose.rotation);
+        if s.material >= materials || pose.into_iter().any(|x| !x.is_finite()) {
+            return bad(format!("the surface `{}` has no such material, or no finite pose", s.name));
+        }
+        if let Shape::Mesh(mesh) = &s.shape {
+            let count = mesh.vertices.len();
+            let inside = mesh.triangles.iter().flatten().all(|v| (*v as usize) < count);
+            if !inside || mesh.vertices.iter().flatten().any(|x| !x.is_finite()) {
+                return bad(format!("the mesh of `{}` has a vertex that is missing or not finite", s.name));
+            }
+        }
+    }
+    for stage in &spec.stages {
+        let named = stage.moves.iter().map(|m| m.0).chain(stage.measures.iter().map(|m| m.surface));
+        let acted = stage.actions.iter().filter_map(|a| match a {
+            Action::Insert(s) | Action::Withdraw(s) => Some(*s),
+            Action::RemoveBeyond { .. } => None,
+        });
+        if named.chain(acted).any(|s| s >= surfaces) {
+            return bad(format!("the stage `{}` names a surface that does not exist", stage.name));
+        }
+        let axes = stage.measures.iter().filter_map(|m| match m.component {
+            Component::Force(k) | Component::Torque(k) => Some(k),
+            Component::Draught => None,
+        });
+        if axes.into_iter().any(|k| k > 2) {
+            return bad(format!("a measure of the stage `{}` names an axis above 2", stage.name));
+        }
+    }
+    Ok(())
+}
+
 fn check_particles(spec: &WorldSpec) -> Result<(), SetupError> {
     let set = &spec.particles;
     if set.len() > u32::MAX as usize / 2 {
         return Err(SetupError::Invalid(format!("{} particles are more than 2^31", set.len())));
+    }
+    if set.radius.len() != set.len() || set.material.len() != set.len() {
+        return Err(SetupError::Invalid("the columns of the particles differ in length".to_owned()));
+    }
+    let moving = set.velocity.iter().chain(&set.spin).flatten();
+    if moving.into_iter().any(|x| !x.is_finite()) {
+        return Err(SetupError::Invalid("a particle's velocity is not a finite number".to_owned()));
     }
     for i in 0..set.len() {
         let at = set.position[i];
@@ -270,6 +335,52 @@ fn check_particles(spec: &WorldSpec) -> Result<(), SetupError> {
         };
         if let Some(why) = why {
             return Err(SetupError::Particle { id: i, at, why });
+        }
+    }
+    Ok(())
+}
+
+/// Refuses particles that start inside a surface that is there from the beginning, deeper than the guard
+/// allows; where the guard only warns, they are counted.
+fn check_start(
+    spec: &WorldSpec,
+    set: &crate::spec::ParticleSet,
+    boundaries: &[Boundary],
+    warnings: &mut Vec<String>,
+) -> Result<(), SetupError> {
+    let limit = spec.guards.overlap_limit;
+    let mut near = Vec::new();
+    for b in boundaries {
+        let BoundaryShape::Mesh(mesh, bvh) = &b.shape else { continue };
+        if b.surface.is_some_and(|s| spec.surfaces[s].absent) {
+            continue;
+        }
+        let mut inside = 0;
+        for (id, (&at, &r)) in set.position.iter().zip(&set.radius).enumerate() {
+            let x = b.pose.inverse(at);
+            near.clear();
+            bvh.near(x, (1.0 - limit).max(0.0) * r, &mut near);
+            let touches = |t: &u32| {
+                let vertices =
+                    mesh.triangles[*t as usize].map(|v| crate::lattice::sub(mesh.vertices[v as usize], x));
+                crate::surface::touch(vertices, *t, [0; 3], (1.0 - limit).max(0.0) * r).is_some()
+            };
+            if !near.iter().any(touches) {
+                continue;
+            }
+            if spec.guards.overlap_stops {
+                let why = format!(
+                    "starts inside the surface `{}`, deeper than {:.0} % of its radius; move one of them, or \
+                     insert the surface in a later stage",
+                    b.name,
+                    100.0 * limit
+                );
+                return Err(SetupError::Particle { id, at, why });
+            }
+            inside += 1;
+        }
+        if inside > 0 {
+            warnings.push(format!("{inside} particles start inside the surface `{}`", b.name));
         }
     }
     Ok(())
@@ -328,7 +439,7 @@ fn boundaries(spec: &WorldSpec) -> Result<Vec<Boundary>, SetupError> {
     Ok(all)
 }
 
-/// Stable-step estimates over the smallest and largest particle of each material against every other and
+/// Stable-step estimates over the smallest particle of each material against every other and
 /// every boundary material.
 fn step_limits(
     spec: &WorldSpec,
@@ -394,13 +505,16 @@ fn speed_estimate(spec: &WorldSpec, set: &crate::spec::ParticleSet) -> f64 {
     }
     let g = norm(spec.gravity);
     let fall = if g > 0.0 && !set.is_empty() {
-        let along = |x: &Vec3| crate::lattice::dot(*x, spec.gravity) / g;
-        let (lo, hi) = set
-            .position
-            .iter()
-            .map(along)
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), h| (lo.min(h), hi.max(h)));
-        (2.0 * g * (hi - lo)).sqrt()
+        // From the highest particle to the lowest corner of the domain.
+        let down = |x: &Vec3| crate::lattice::dot(*x, spec.gravity) / g;
+        let d = &spec.domain;
+        let floor = (0..8_usize).map(|corner| {
+            let x = [0, 1, 2]
+                .map(|k| d.origin[k] + (0..3).map(|a| d.cell[k][a] * (corner >> a & 1) as f64).sum::<f64>());
+            down(&x)
+        });
+        let highest = set.position.iter().map(down).fold(f64::INFINITY, f64::min);
+        (2.0 * g * (floor.fold(f64::NEG_INFINITY, f64::max) - highest).max(0.0)).sqrt()
     } else {
         0.0
     };

@@ -138,8 +138,11 @@ pub struct SurfaceState {
 }
 
 impl SurfaceState {
-    /// Where surface `s` stands at the step of `g`.
+    /// Where surface `s` stands at the step of `g`; an absent one waits where it was.
     pub fn placed(&self, c: &Constants, s: usize, g: &Progress) -> Placed {
+        if !self.present {
+            return Placed { pose: self.base, ..Placed::default() };
+        }
         c.motion(s, g.stage).at(&self.base, (g.step - self.since) as f64 * c.dt)
     }
 }
@@ -263,6 +266,8 @@ pub struct Progress {
     pub trimmed: u64,
     /// Whether the kinetic energy has been above the stage's limit.
     pub was_above: bool,
+    /// Kinetic energy at the last sample of a stage that waits for it to fall \[J\].
+    pub kinetic: f64,
     /// Its measures.
     pub measures: Vec<MeasureState>,
     /// Stages that ended.

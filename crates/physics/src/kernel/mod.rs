@@ -5,7 +5,7 @@
 //! the scalar type exchanged (`build.rs`): the reference backend runs on it.
 //!
 //! Laws sit in four slots, each a folder: [`normal`], [`tangential`], [`rolling`], [`cohesion`]. The order
-//! of evaluation is the same everywhere: [`contact::kinematics`], cohesion, normal, tangential, rolling.
+//! of evaluation is the same everywhere: [`contact`], cohesion, normal, tangential, rolling.
 //!
 //! Nothing here branches on data where `select` will do, so that loops over contacts vectorise, and
 //! nothing calls into a maths library but for the square root: results do not depend on the platform.

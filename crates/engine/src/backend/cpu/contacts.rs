@@ -2,9 +2,9 @@
 
 use super::super::common::Standing;
 use super::lanes::{LANES, Lanes, Pair};
-use super::list::{Block, MEMORY, Pull, Touching};
+use super::list::{Block, Pull, Touching};
 use crate::lattice::{add, sub};
-use crate::setup::Constants;
+use crate::setup::{Constants, MEMORY};
 use crate::spec::Vec3;
 use crate::state::Particles;
 use crate::surface::{SurfacePoint, physical_contacts};

@@ -11,7 +11,7 @@ use glebe_physics::kernel::tangential::{self, Friction, Tangential, carried, sli
 use glebe_physics::kernel::vector::{V3, cross, dot, minus, plus, scaled};
 use glebe_physics::{Laws, PairCoefficients};
 
-use super::list::MEMORY;
+use crate::setup::MEMORY;
 
 /// Contacts evaluated together.
 pub const LANES: usize = 64;

@@ -12,15 +12,12 @@ use rayon::prelude::*;
 
 use super::super::common::images;
 use crate::lattice::{Lattice, dot, sub};
-use crate::setup::{BoundaryShape, Constants, LEVEL_RATIO};
+use crate::setup::{BoundaryShape, Constants, LEVEL_RATIO, MEMORY};
 use crate::spec::{Pose, Vec3};
 use crate::state::{ContactMemory, Particles, Progress, SurfaceMemory};
 
 /// Particles per block: the unit of parallel work. Fixed, so that results do not depend on threads.
 pub const BLOCK: usize = 256;
-
-/// Most floats that laws may remember per contact.
-pub const MEMORY: usize = 8;
 
 /// Candidates of a run of particles and what their contacts remember.
 #[derive(Debug, Default)]

@@ -117,15 +117,21 @@ pub fn slide(stretch: V3, slip: f32, s: Spring, f: Friction, fn_: f32, vt: V3, d
     let size = length(total);
     let force = scaled(total, select(size > cap, cap / size, 1.0f32));
 
-    let remembered = select(f.truncate > 0.5f32, 1.0f32, 1.0f32 / shorten);
+    // A spring that is never shortened holds no more energy than its force can give back: beyond the limit
+    // its stretch is the path slid, which was accounted when it was slid.
+    let truncates = f.truncate > 0.5f32;
+    let before = length(kept);
+    let holds = select(truncates, before, f32::min(before, limit));
+    let held = length(clipped);
+    let slid = stretched - select(truncates, held, f32::max(before, held));
     let half = 0.5f32 * s.stiffness;
     TangentialForce {
         force,
         spring,
-        stretch: scaled(clipped, select(shorten > 0.0f32, remembered, 1.0f32)),
+        stretch: scaled(trial, select(truncates, shorten, 1.0f32)),
         slip: select(slips, 1.0f32, 0.0f32),
-        energy: half * dot(clipped, clipped),
-        energy_before: half * dot(kept, kept),
-        friction_loss: s.stiffness * length(clipped) * (stretched - length(clipped)),
+        energy: half * held * held,
+        energy_before: half * holds * holds,
+        friction_loss: s.stiffness * held * f32::max(slid, 0.0f32),
     }
 }
