@@ -21,7 +21,7 @@ use crate::cli::Ui;
 use bed::Bed;
 pub use bed::BedKind;
 
-/// What `glebe bench` is asked for.
+/// Times settled beds on this machine: particle-steps per second
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "\
 Examples:

@@ -32,7 +32,6 @@ pub(super) fn interrupted() -> bool {
 /// Shows a run on the terminal: log lines, and below them the bar.
 pub(super) struct Watch<'a> {
     ui: &'a Ui,
-    quiet: bool,
     bar: ProgressBar,
     /// Rates are taken over the time since: wall time, steps, particle-steps.
     mark: (Instant, u64, f64),
@@ -40,14 +39,14 @@ pub(super) struct Watch<'a> {
 }
 
 impl<'a> Watch<'a> {
-    pub(super) fn new(ui: &'a Ui, quiet: bool) -> Self {
-        let shown = !quiet && !ui.json() && std::io::stderr().is_terminal();
+    pub(super) fn new(ui: &'a Ui) -> Self {
+        let shown = !ui.quiet() && !ui.json() && std::io::stderr().is_terminal();
         let target = if shown { ProgressDrawTarget::stderr_with_hz(4) } else { ProgressDrawTarget::hidden() };
         let bar = ProgressBar::with_draw_target(Some(0), target);
         if let Ok(style) = ProgressStyle::with_template("{wide_bar} {percent:>3} %\n{msg}") {
             bar.set_style(style);
         }
-        Self { ui, quiet, bar, mark: (Instant::now(), 0, 0.0), rates: (0.0, 0.0) }
+        Self { ui, bar, mark: (Instant::now(), 0, 0.0), rates: (0.0, 0.0) }
     }
 }
 
@@ -59,9 +58,7 @@ impl Drop for Watch<'_> {
 
 impl Listener for Watch<'_> {
     fn note(&mut self, line: &str) {
-        if !self.quiet {
-            self.bar.suspend(|| self.ui.note(line));
-        }
+        self.bar.suspend(|| self.ui.note(line));
     }
 
     fn warn(&mut self, line: &str) {

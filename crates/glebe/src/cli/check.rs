@@ -141,8 +141,11 @@ fn finite(x: f64) -> Option<f64> {
     x.is_finite().then_some(x)
 }
 
-/// `1 h 20 min`, `3 min 5 s`, `12 s`
+/// `1 h 20 min`, `3 min 5 s`, `12 s`, `350 ms`
 pub(super) fn duration(seconds: f64) -> String {
+    if seconds > 0.0 && seconds < 1.0 {
+        return format!("{:.0} ms", (1e3 * seconds).ceil());
+    }
     let s = seconds.round().max(0.0) as u64;
     match s {
         0..60 => format!("{s} s"),

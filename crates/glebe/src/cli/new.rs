@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use serde_json::json;
 
+use super::ui::shell_word;
 use super::{Ended, Problem, Ui};
 use crate::templates::{TEMPLATES, Template};
 
@@ -54,7 +55,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         folder.display(),
         template.summary,
         files.join(", "),
-        scene.display()
+        shell_word(&scene.display().to_string())
     );
     ui.result(&value, &text);
     Ok(Ended::Done)

@@ -5,11 +5,13 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use glebe_io::output::summary::{Status, Summary};
+use glebe_io::scene::SceneError;
 use serde_json::json;
 
 use super::bar::{Watch, catch_interrupts, interrupted};
 use super::check::{SceneArgs, duration, prepared};
 use super::devices::Device;
+use super::ui::shell_word;
 use super::{Ended, Problem, Ui};
 use crate::run::{Existing, Settings, default_bed_folder};
 
@@ -54,6 +56,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
+    let ui = &ui.quieted(args.quiet);
     catch_interrupts().map_err(Problem::Failed)?;
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new()
@@ -79,9 +82,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         beds: default_bed_folder().filter(|_| !args.no_cache),
         checkpoint_every: Duration::from_secs(args.checkpoint_every),
         checkpoint_time: scene.checkpoint,
+        warnings: built.warnings.iter().map(one_line).collect(),
         ..Settings::new(&out)
     };
-    let mut watch = Watch::new(ui, args.quiet);
+    let mut watch = Watch::new(ui);
     let summary = crate::run::run(built.world.clone(), &settings, &mut watch)?;
     drop(watch);
 
@@ -90,8 +94,8 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     }
     let resume = format!(
         "glebe run {} --out {} --resume{}",
-        args.scene.scene.display(),
-        out.display(),
+        shell_word(&args.scene.scene.display().to_string()),
+        shell_word(&out.display().to_string()),
         repeat(&args.scene.sets)
     );
     match summary.status {
@@ -118,7 +122,13 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
 
 /// The `--set` arguments again: a run can only be resumed with them.
 fn repeat(sets: &[String]) -> String {
-    sets.iter().flat_map(|set| [" --set '", set, "'"]).collect()
+    sets.iter().flat_map(|set| [" --set ".to_owned(), shell_word(set)]).collect()
+}
+
+/// A warning of the scene, with its place, for the summary.
+fn one_line(warning: &SceneError) -> String {
+    let place = warning.place();
+    format!("{}:{}: {warning}", place.source().name(), place.line_column().0)
 }
 
 fn told(s: &Summary, out: &std::path::Path) -> String {

@@ -58,12 +58,24 @@ impl Problem {
 #[derive(Debug)]
 pub struct Ui {
     json: bool,
+    quiet: bool,
 }
 
 impl Ui {
     /// For people, or with `json` for programs.
     pub fn new(json: bool) -> Self {
-        Self { json }
+        Self { json, quiet: false }
+    }
+
+    /// The same, without notes if `quiet`.
+    #[must_use]
+    pub fn quieted(&self, quiet: bool) -> Self {
+        Self { json: self.json, quiet: self.quiet || quiet }
+    }
+
+    /// Whether only warnings and errors are told.
+    pub fn quiet(&self) -> bool {
+        self.quiet
     }
 
     /// Whether standard output is for a program.
@@ -85,8 +97,14 @@ impl Ui {
         }
     }
 
-    /// A line for the log; not with `--json`.
+    /// A line for the log; not with `--json`, nor if quiet.
     pub fn note(&self, line: &str) {
+        if !self.quiet {
+            self.tell(line);
+        }
+    }
+
+    fn tell(&self, line: &str) {
         if !self.json {
             let _ = writeln!(std::io::stderr(), "{line}");
         }
@@ -95,13 +113,13 @@ impl Ui {
     /// Something that looks wrong and does not stop the work; not with `--json`, where it belongs to the
     /// result.
     pub fn warn(&self, line: &str) {
-        self.note(&format!("warning: {line}"));
+        self.tell(&format!("warning: {line}"));
     }
 
     /// Scene errors or warnings, with the lines that they are about.
     pub fn scene(&self, errors: &[SceneError]) {
         for error in errors {
-            self.note(render(error).trim_end());
+            self.tell(render(error).trim_end());
         }
     }
 
@@ -124,12 +142,21 @@ impl Ui {
             Problem::Scene(errors) => {
                 self.scene(errors);
                 let count = errors.iter().filter(|e| !e.is_warning()).count();
-                self.note(&format!("{count} error{}; nothing was run", if count == 1 { "" } else { "s" }));
+                self.tell(&format!("{count} error{}; nothing was run", if count == 1 { "" } else { "s" }));
             }
-            Problem::Input(message) | Problem::Failed(message) => self.note(&format!("error: {message}")),
+            Problem::Input(message) | Problem::Failed(message) => self.tell(&format!("error: {message}")),
         }
         ExitCode::from(code)
     }
+}
+
+/// A word of a command line for a POSIX shell, in quotes if it needs them.
+pub(super) fn shell_word(text: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=+:,@%".contains(c);
+    if !text.is_empty() && text.chars().all(plain) {
+        return text.to_owned();
+    }
+    format!("'{}'", text.replace('\'', r"'\''"))
 }
 
 /// With colours and lines for a terminal, else as plain text.

@@ -12,8 +12,8 @@ use std::time::{Duration, Instant};
 
 use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Status};
-use glebe_engine::spec::WorldSpec;
-use glebe_engine::state::{Progress, StageResult, State};
+use glebe_engine::spec::{Component, Measure, WorldSpec};
+use glebe_engine::state::{MeasureState, Progress, StageResult, State};
 use glebe_engine::{BytesError, Constants, SetupError, prepare};
 use glebe_io::checkpoint::{self, CheckpointError, CheckpointWriter, Header};
 use glebe_io::output::summary::{self, Summary};
@@ -38,6 +38,8 @@ pub struct Settings {
     pub checkpoint_every: Duration,
     /// Simulated time between checkpoints \[s\], if asked for.
     pub checkpoint_time: Option<f64>,
+    /// Warnings that the user was given before the run, for the summary.
+    pub warnings: Vec<String>,
 }
 
 impl Settings {
@@ -49,6 +51,7 @@ impl Settings {
             beds: None,
             checkpoint_every: Duration::from_secs(60),
             checkpoint_time: None,
+            warnings: Vec::new(),
         }
     }
 }
@@ -147,10 +150,10 @@ impl RunError {
 pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -> Result<Summary, RunError> {
     let (constants, fresh) = prepare(world)?;
     let scene_hash = digest::scene_hash(&constants, &fresh);
-    let mut warnings = constants.warnings.clone();
-    for warning in &warnings {
+    for warning in &constants.warnings {
         listener.warn(warning);
     }
+    let mut warnings = [settings.warnings.as_slice(), &constants.warnings].concat();
     let mut notes = Vec::new();
     let mut note = |line: String, listener: &mut dyn Listener| {
         listener.note(&line);
@@ -259,6 +262,9 @@ impl Run {
             let stage_ended = progress.results.len() > ended;
             for result in &progress.results[ended..] {
                 listener.note(&told(result, &self.constants));
+                for doubt in doubts(result, &self.constants) {
+                    listener.warn(&doubt);
+                }
             }
             listener.pulse(&Pulse {
                 constants: &self.constants,
@@ -287,7 +293,10 @@ impl Run {
             self.checkpoint()?;
         }
         let furrows = std::mem::take(&mut self.furrows);
-        plots::write(&self.dir, &self.constants, &self.batch.progress(0).results, &furrows)?;
+        let results = &self.batch.progress(0).results;
+        plots::write(&self.dir, &self.constants, results, &furrows)?;
+        // Of all stages, so that a run in parts ends with the same warnings as a whole one.
+        warnings.extend(results.iter().flat_map(|result| doubts(result, &self.constants)));
         let summary = self.summary(warnings, notes);
         summary.write(&self.dir.summary())?;
         Ok(summary)
@@ -379,8 +388,8 @@ fn stages(c: &Constants, g: &Progress) -> Vec<summary::Stage> {
     let mut start = 0.0;
     let stage = |(spec, result): (&glebe_engine::spec::Stage, &StageResult)| {
         let measures = spec.measures.iter().zip(&result.measures).map(|(measure, m)| {
-            let mean = if m.n == 0 { f64::NAN } else { m.mean };
-            (measure.name.clone(), summary::Measure { mean, std: m.std(), n: m.n })
+            let [mean, std] = if m.n == 0 { [f64::NAN; 2] } else { [m.mean, m.std()] };
+            (measure.name.clone(), summary::Measure { mean, std, n: m.n })
         });
         let stage = summary::Stage {
             name: result.name.clone(),
@@ -405,9 +414,26 @@ fn told(result: &StageResult, c: &Constants) -> String {
     let spec = c.spec.stages.iter().find(|s| s.name == result.name);
     for (measure, m) in spec.iter().flat_map(|s| &s.measures).zip(&result.measures) {
         let _ = match m.n {
-            0 => write!(line, "; {}: nothing measured, its window was not reached", measure.name),
+            0 => write!(line, "; {}: nothing measured", measure.name),
             n => write!(line, "; {} = {:.5} ± {:.3} ({n} steps)", measure.name, m.mean, m.std()),
         };
     }
     line
+}
+
+/// Measures of a stage that ended which measured nothing.
+fn doubts(result: &StageResult, c: &Constants) -> Vec<String> {
+    let Some(spec) = c.spec.stages.iter().find(|s| s.name == result.name) else { return Vec::new() };
+    let doubt = |(measure, m): (&Measure, &MeasureState)| {
+        let surface = &c.spec.surfaces.get(measure.surface)?.name;
+        let why = if m.n == 0 {
+            "measured nothing: its window was not reached; lengthen the stage or move the window".to_owned()
+        } else if measure.component == Component::Draught && m.mean == 0.0 && m.m2 == 0.0 {
+            format!("is 0 throughout: `{surface}` did not move, or nothing touched it")
+        } else {
+            return None;
+        };
+        Some(format!("stage `{}`: `{}` of `{surface}` {why}", result.name, measure.name))
+    };
+    spec.measures.iter().zip(&result.measures).filter_map(doubt).collect()
 }

@@ -35,7 +35,7 @@ pub fn cases() -> &'static [Case] {
     CASES
 }
 
-/// What `glebe validate` is asked for.
+/// Reproduces published and exact cases: figures, numbers and a verdict for each
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "\
 Examples:

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glebe_engine::SetupError;
-use glebe_engine::generate::{FillRequest, Region, generate, worst_overlap};
+use glebe_engine::generate::{FillRequest, Region, SizeDistribution, generate, solid_volume, worst_overlap};
 use glebe_engine::spec::{
     Action, Domain, Measure, Motion, ParticleSet, Pose, Shape, Side, Stage, Surface, Vec3, WorldSpec,
 };
@@ -17,6 +17,9 @@ use super::model::{GeometryPart, GeometryShape, Origin, ParticlePart, Scene, Sce
 use super::shapes;
 use crate::mesh::{self, MeshReport, Transform, assemble};
 use crate::particles;
+
+/// Meshes longer than this were probably drawn in another unit \[m\].
+const LONGEST: f64 = 20.0;
 
 /// A world, and what was found on the way to it.
 #[derive(Clone, Debug)]
@@ -244,6 +247,7 @@ impl Build<'_> {
         let fold = |start: f64, f: fn(f64, f64) -> f64| {
             [0, 1, 2].map(|k| placed.iter().map(|x| x[k]).fold(start, f))
         };
+        self.doubt_unit(part, &report);
         self.meshes.push(PlacedMesh {
             name: part.name.value.clone(),
             report,
@@ -251,6 +255,18 @@ impl Build<'_> {
             max: fold(f64::NEG_INFINITY, f64::max),
         });
         Some(self.placed(part, pose, Shape::Mesh(Arc::new(mesh))))
+    }
+
+    /// Files of meshes do not say their unit; most tools draw in millimetres.
+    fn doubt_unit(&mut self, part: &GeometryPart, report: &MeshReport) {
+        let longest = report.size().into_iter().fold(0.0, f64::max);
+        if longest > LONGEST && matches!(part.shape.value, GeometryShape::File(_)) {
+            let message = format!("geometry `{}` is {longest:.1} m long", part.name.value);
+            let warning = SceneError::new("unit", &part.shape.place, message)
+                .label("this file")
+                .help("if it was drawn in millimetres, set scale = 0.001");
+            self.found.push(warning.warning());
+        }
     }
 
     fn placed(&self, part: &GeometryPart, pose: Pose, shape: Shape) -> Surface {
@@ -321,6 +337,21 @@ impl Build<'_> {
         let periodic = [0, 1, 2].map(|k| {
             domain.sides[k][0] == Side::Periodic && min[k] == domain.min[k] && max[k] == domain.max[k]
         });
+        let cannot = |why: String| {
+            let message = format!("particles `{}` cannot be generated: {why}", part.name.value);
+            SceneError::new("generate", place, message).label("this many")
+        };
+        // Before anything is drawn: the radii of a slip of some zeros would fill the memory.
+        let (needed, volume) =
+            (*count as f64 * solid_volume(&[small_radius(sizes)]), Region::walled(min, max).volume());
+        if needed > volume {
+            let why = format!(
+                "{count} spheres have a volume of at least {needed:.3e} m³, the region only {volume:.3e} m³; \
+                 enlarge the region, take fewer or smaller spheres"
+            );
+            self.found.push(cannot(why));
+            return;
+        }
         let seed = seed.unwrap_or_else(|| self.scene.seed.wrapping_add(index as u64));
         let gravity = self.scene.gravity.map(f64::abs);
         let up = if gravity == [0.0; 3] {
@@ -347,10 +378,7 @@ impl Build<'_> {
                     part.name.value
                 ));
             }
-            Err(error) => {
-                let message = format!("particles `{}` cannot be generated: {error}", part.name.value);
-                self.found.push(SceneError::new("generate", place, message).label("this many"));
-            }
+            Err(error) => self.found.push(cannot(error.to_string())),
         }
     }
 
@@ -441,6 +469,24 @@ impl Build<'_> {
             .label(format!("these {} particles", range.len()))
             .help(help);
         self.found.push(if guards.overlap_stops { error } else { error.warning() });
+    }
+}
+
+/// A radius whose volume many spheres exceed on average \[m\]: the least of the distribution, or of one with
+/// a bulge inside its limits a quarter of the bulge's radius.
+fn small_radius(sizes: &SizeDistribution) -> f64 {
+    match *sizes {
+        SizeDistribution::Constant(radius) => radius,
+        SizeDistribution::Normal { mean: middle, min, max, .. }
+        | SizeDistribution::LogNormal { median: middle, min, max, .. }
+            if (min..=max).contains(&middle) =>
+        {
+            min.max(0.25 * middle)
+        }
+        SizeDistribution::Uniform { min, .. }
+        | SizeDistribution::Normal { min, .. }
+        | SizeDistribution::LogNormal { min, .. } => min,
+        _ => 0.0,
     }
 }
 
