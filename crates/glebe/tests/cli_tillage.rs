@@ -42,8 +42,17 @@ fn the_force_curve_has_its_three_phases_and_the_books_are_closed() {
     let [entering, inside, at_the_wall] =
         [(0.0, 0.12), (0.28, 0.56), (0.66, 0.70)].map(|(from, to)| draught(&out, from, to));
     assert!(entering < 0.4 * inside, "first phase: {entering} N while entering, {inside} N inside");
+    // The force fluctuates as grains of 34 mm fail one after the other: a half window of 0.14 m holds some four
+    // independent values. Stationary means that the halves differ by no more than chance allows (3 standard
+    // errors of their difference), and by far less than the force rises while the tool enters.
     let halves = [draught(&out, 0.28, 0.42), draught(&out, 0.42, 0.56)];
-    assert!((halves[0] / halves[1] - 1.0).abs() < 0.15, "second phase: not stationary, {halves:?} N");
+    let std = place.summary("field/out")["stages"][2]["measures"]["draught_force"]["std"].as_f64().unwrap();
+    let error = std * (2.0 * 0.034_f64 / 0.14).sqrt();
+    let trend = (halves[0] - halves[1]).abs();
+    assert!(
+        trend < 3.0 * error && trend < 0.4 * (inside - entering),
+        "second phase: {halves:?} N, std {std} N"
+    );
     assert!(at_the_wall > 1.2 * inside, "third phase: {at_the_wall} N at the far wall, {inside} N before");
 
     let summary = place.summary("field/out");
