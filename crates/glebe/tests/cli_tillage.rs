@@ -8,6 +8,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use cli_common::{Place, series};
+use glebe::io::mesh::{StlFormat, write_stl};
+use glebe::io::tool::Sweep;
 
 /// Mean draught force \[N\] while the path of the tool is in a window \[m\].
 fn draught(out: &Path, from: f64, to: f64) -> f64 {
@@ -73,6 +75,21 @@ fn the_force_curve_has_its_three_phases_and_the_books_are_closed() {
     // The sweep leaves particles and the tool in the frames.
     let pvd = fs::read_to_string(out.join("frames.pvd")).unwrap();
     assert!(pvd.contains("_particles.vtp") && pvd.contains("_sweep.vtp"));
+}
+
+/// A scanned tool has many triangles: the same sweep, finely triangulated, written and read as an STL file.
+#[test]
+fn a_tool_of_sixteen_thousand_triangles_is_drawn_as_it_is() {
+    let place = Place::new();
+    place.glebe(&["new", "field", "--quick"]).expect(0);
+    let mesh = Sweep { resolution: 6e-3, ..Sweep::default() }.mesh().unwrap();
+    assert!(mesh.triangles.len() > 14_304, "{} triangles", mesh.triangles.len());
+    write_stl(&place.path("field/fine.stl"), &mesh, "fine", StlFormat::Binary).unwrap();
+    place.glebe(&["run", "field/scene.toml", "--set", "geometry.sweep.file=fine.stl"]).expect(0);
+    sound(&place, "field/out");
+    let measures = &place.summary("field/out")["stages"][2]["measures"];
+    let mean = measures["draught_force"]["mean"].as_f64().unwrap();
+    assert!((150.0..350.0).contains(&mean), "draught force {mean} N");
 }
 
 /// The same scene with a tool that somebody else drew: `GLEBE_EXTRA_TOOL` is its file, and further arguments of
