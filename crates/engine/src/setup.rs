@@ -507,14 +507,9 @@ fn speed_estimate(spec: &WorldSpec, set: &crate::spec::ParticleSet) -> f64 {
     let fall = if g > 0.0 && !set.is_empty() {
         // From the highest particle to the lowest corner of the domain.
         let down = |x: &Vec3| crate::lattice::dot(*x, spec.gravity) / g;
-        let d = &spec.domain;
-        let floor = (0..8_usize).map(|corner| {
-            let x = [0, 1, 2]
-                .map(|k| d.origin[k] + (0..3).map(|a| d.cell[k][a] * (corner >> a & 1) as f64).sum::<f64>());
-            down(&x)
-        });
+        let floor = spec.domain.corners().iter().map(down).fold(f64::NEG_INFINITY, f64::max);
         let highest = set.position.iter().map(down).fold(f64::INFINITY, f64::min);
-        (2.0 * g * (floor.fold(f64::NEG_INFINITY, f64::max) - highest).max(0.0)).sqrt()
+        (2.0 * g * (floor - highest).max(0.0)).sqrt()
     } else {
         0.0
     };

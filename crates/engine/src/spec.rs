@@ -97,6 +97,15 @@ impl Domain {
         }
         Self { origin: min, cell, sides, material }
     }
+
+    /// The eight corners \[m\].
+    pub fn corners(&self) -> [Vec3; 8] {
+        std::array::from_fn(|corner| {
+            std::array::from_fn(|k| {
+                self.origin[k] + (0..3).map(|a| self.cell[k][a] * (corner >> a & 1) as f64).sum::<f64>()
+            })
+        })
+    }
 }
 
 /// What happens at a side of the domain.

@@ -240,6 +240,11 @@ impl CpuWorld {
         }
     }
 
+    /// Whether a particle or a surface has moved so far that the lists may miss a contact.
+    fn strayed(&self, g: &Progress, moved: Moved) -> bool {
+        moved.displacement.sqrt() > 0.5 * g.skin as f32 || self.surface_strayed(g)
+    }
+
     /// Whether a surface has moved so far that the lists may miss it.
     fn surface_strayed(&self, g: &Progress) -> bool {
         self.c.boundaries.iter().any(|boundary| {
@@ -253,17 +258,12 @@ impl CpuWorld {
             // part of the world is confined.
             let corners: [crate::spec::Vec3; 8] = match &boundary.shape {
                 BoundaryShape::Mesh(_, bvh) => match bvh.bounds() {
-                    Some((lo, hi)) => corners(|corner, k| if corner >> k & 1 == 0 { lo[k] } else { hi[k] }),
+                    Some((lo, hi)) => std::array::from_fn(|corner: usize| {
+                        std::array::from_fn(|k| if corner >> k & 1 == 0 { lo[k] } else { hi[k] })
+                    }),
                     None => return false,
                 },
-                BoundaryShape::Plane(_) => {
-                    let d = &self.c.spec.domain;
-                    let share = |corner: usize, k: usize| (corner >> k & 1) as f64;
-                    corners(|corner, k| {
-                        d.origin[k] + (0..3).map(|a| d.cell[k][a] * share(corner, a)).sum::<f64>()
-                    })
-                    .map(|x| reference.inverse(x))
-                }
+                BoundaryShape::Plane(_) => self.c.spec.domain.corners().map(|x| reference.inverse(x)),
             };
             corners.iter().any(|x| norm(sub(now.apply(*x), reference.apply(*x))) > 0.5 * g.skin)
         })
@@ -302,7 +302,7 @@ impl CpuWorld {
             // The force belongs to the end of the step, for surfaces too.
             g.step += 1;
             self.times.integration += clock.lap();
-            if moved.displacement.sqrt() > 0.5 * g.skin as f32 || self.surface_strayed(g) {
+            if self.strayed(g, moved) {
                 self.rebuild(g);
                 clock.lap();
             }
@@ -319,7 +319,7 @@ impl CpuWorld {
         self.check(g, moved)?;
         g.primed = true;
         g.step += u64::from(!split);
-        let stale = moved.displacement.sqrt() > 0.5 * g.skin as f32 || self.surface_strayed(g);
+        let stale = self.strayed(g, moved);
         self.times.surfaces += clock.lap();
         if stale {
             self.rebuild(g);
@@ -550,11 +550,6 @@ impl Clock {
         let now = Instant::now();
         (now - std::mem::replace(&mut self.0, now)).as_secs_f64()
     }
-}
-
-/// The eight corners whose coordinates `at` gives by corner and axis.
-fn corners(at: impl Fn(usize, usize) -> f64) -> [crate::spec::Vec3; 8] {
-    std::array::from_fn(|corner| std::array::from_fn(|k| at(corner, k)))
 }
 
 fn advance_widest<S: Scheme>(
