@@ -2,21 +2,12 @@
 
 use std::sync::OnceLock;
 
-use glebe_engine::backend::Backend;
 use glebe_engine::generate::{FillRequest, Region, generate};
 use glebe_engine::lattice::{add, norm, sub};
 use glebe_engine::spec::{Domain, Pose, Side, Vec3, WorldSpec};
 use glebe_physics::{ContactEnd, ContactModel, History, IntegratorKind, LawChoice, Material};
 
-use crate::support::{Random, Run, all_combinations, grain, label, mesh, open_world};
-
-/// Largest error of a particle's force, as a share of the sum of its contact forces' sizes.
-const FORCE: f64 = 3e-6;
-/// Of its torque, as a share of that sum times the radius.
-const TORQUE: f64 = 3e-6;
-/// Largest difference after 200 steps, in mean radii and as a share of the largest speed.
-const POSITION: f64 = 1e-6;
-const VELOCITY: f64 = 2e-4;
+use crate::support::{REFERENCE, Random, Run, Subject, all_combinations, grain, label, mesh, open_world};
 
 const SIZE: f64 = 0.030;
 
@@ -70,7 +61,7 @@ fn world(contact: ContactModel) -> WorldSpec {
     w
 }
 
-pub fn one_step_forces_equal_the_reference(backend: Backend) {
+pub fn one_step_forces_equal_the_reference(on: &Subject) {
     for (k, mut contact) in all_combinations().into_iter().enumerate() {
         contact.end = [ContactEnd::Tension, ContactEnd::NoTension][k % 2];
         contact.history = [History::Truncated, History::Unbounded, History::None][k % 3];
@@ -78,9 +69,9 @@ pub fn one_step_forces_equal_the_reference(backend: Backend) {
         let mut spec = world(contact);
         spec.time.integrator = IntegratorKind::ALL[k % 4];
         spec.local_damping = if k % 5 == 0 { 0.2 } else { 0.0 };
-        let mut run = Run::new(backend, spec);
+        let mut run = Run::new(on, spec);
         run.steps(10);
-        let mut reference = Run::resume(Backend::Reference, run.c.clone(), run.state());
+        let mut reference = Run::resume(&REFERENCE, run.c.clone(), run.state());
         let detail = reference.detail();
         assert!(detail.network.len() > 700, "{name}: only {} contacts", detail.network.len());
         assert!(reference.moment().surface_contacts > 40);
@@ -96,11 +87,15 @@ pub fn one_step_forces_equal_the_reference(backend: Backend) {
             // What the network does not hold, contacts with surfaces, is at most this.
             let size = 2.0 * sizes[i] + norm(b.force);
             let off = norm(sub(a.force, b.force));
-            assert!(off <= FORCE * size, "{name}: force on {i} off by {:.2e} of {size:.3e} N", off / size);
+            assert!(
+                off <= on.bounds.force * size,
+                "{name}: force on {i} off by {:.2e} of {size:.3e} N",
+                off / size
+            );
             let off = norm(sub(a.torque, b.torque));
             let size = size * b.radius;
             assert!(
-                off <= TORQUE * size,
+                off <= on.bounds.torque * size,
                 "{name}: torque on {i} off by {:.2e} of {size:.3e} N m",
                 off / size
             );
@@ -108,10 +103,10 @@ pub fn one_step_forces_equal_the_reference(backend: Backend) {
     }
 }
 
-pub fn short_trajectories_equal_the_reference(backend: Backend) {
+pub fn short_trajectories_equal_the_reference(on: &Subject) {
     let contact = ContactModel { rolling: LawChoice::named("constant-torque"), ..ContactModel::default() };
-    let mut run = Run::new(backend, world(contact.clone()));
-    let mut reference = Run::new(Backend::Reference, world(contact));
+    let mut run = Run::new(on, world(contact.clone()));
+    let mut reference = Run::new(&REFERENCE, world(contact));
     run.steps(200);
     reference.steps(200);
     let b = reference.bodies();
@@ -120,8 +115,8 @@ pub fn short_trajectories_equal_the_reference(backend: Backend) {
         let mut d = sub(a.x, b.x);
         d[0] -= (d[0] / (0.98 * SIZE)).round() * 0.98 * SIZE;
         let (x, v) = (norm(d) / 2e-3, norm(sub(a.v, b.v)) / fastest);
-        assert!(x < POSITION, "position of {i} off by {x:.2e} radii");
-        assert!(v < VELOCITY, "velocity of {i} off by {v:.2e} of the largest");
+        assert!(x < on.bounds.trajectory.place, "position of {i} off by {x:.2e} radii");
+        assert!(v < on.bounds.trajectory.velocity, "velocity of {i} off by {v:.2e} of the largest");
     }
     let (a, b) = (run.g.ledger, reference.g.ledger);
     assert!((a.dissipated() / b.dissipated() - 1.0).abs() < 1e-3, "dissipated {a:?}, reference {b:?}");

@@ -1,13 +1,11 @@
 //! Equal runs give equal bits.
 
-use glebe_engine::backend::{Backend, Job};
 use glebe_engine::lattice::{add, norm, sub};
-use glebe_engine::prepare;
 use glebe_engine::spec::{Domain, Pose, Side, WorldSpec};
 use glebe_engine::state::State;
 use glebe_physics::{ContactModel, IntegratorKind, LawChoice};
 
-use crate::support::{Random, Run, affordable, bodies, grain, mesh, open_world, rectangle, states_are_exact};
+use crate::support::{Random, Run, Subject, Together, bodies, grain, mesh, open_world, rectangle};
 
 const RADIUS: f64 = 1e-3;
 
@@ -34,28 +32,24 @@ fn tumbling(count: u32, seed: u64) -> WorldSpec {
     w
 }
 
-fn size(backend: Backend) -> (u32, u64) {
-    (affordable(backend, 1500, 200) as u32, affordable(backend, 500, 100))
-}
-
-fn ran(backend: Backend, seed: u64) -> State {
-    let (count, steps) = size(backend);
-    let mut run = Run::new(backend, tumbling(count, seed));
+fn ran(on: &Subject, seed: u64) -> State {
+    let (count, steps) = (on.budget.tumblers, on.budget.tumbling);
+    let mut run = Run::new(on, tumbling(count, seed));
     run.steps(steps);
     run.state()
 }
 
-pub fn runs_repeat(backend: Backend) {
-    let state = ran(backend, 1);
+pub fn runs_repeat(on: &Subject) {
+    let state = ran(on, 1);
     assert!(!state.contacts.is_empty() && !state.surface_contacts.is_empty());
-    assert_eq!(state.hash(), ran(backend, 1).hash());
-    assert_ne!(state.hash(), ran(backend, 5).hash());
+    assert_eq!(state.hash(), ran(on, 1).hash());
+    assert_ne!(state.hash(), ran(on, 5).hash());
 }
 
-pub fn threads_change_no_bit(backend: Backend) {
+pub fn threads_change_no_bit(on: &Subject) {
     let hash = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let state = pool.install(|| ran(backend, 2));
+        let state = pool.install(|| ran(on, 2));
         assert!(state.progress.rebuilds > 1, "lists were never rebuilt");
         state.hash()
     };
@@ -64,38 +58,30 @@ pub fn threads_change_no_bit(backend: Backend) {
     assert_eq!(one, hash(7), "seven threads");
 }
 
-pub fn a_world_alone_equals_itself_in_a_batch(backend: Backend) {
-    let (count, steps) = size(backend);
-    let alone = ran(backend, 3).hash();
+pub fn a_world_alone_equals_itself_in_a_batch(on: &Subject) {
+    let (count, steps) = (on.budget.tumblers, on.budget.tumbling);
+    let alone = ran(on, 3).hash();
     let specs = vec![tumbling(count / 3, 6), tumbling(count, 3), tumbling(7, 5)];
-    let mut worlds: Vec<_> = specs.into_iter().map(|s| prepare(s).unwrap()).collect();
-    let mut fleet = backend.fleet(worlds.iter_mut().map(|(c, s)| (c.clone(), s)).collect());
-    let mut progress: Vec<_> = worlds.into_iter().map(|(_, s)| s.progress).collect();
+    let mut batch = Together::new(on, specs);
     // The others take other numbers of steps, and the middle one takes its own in two parts.
     for part in [[10, steps / 2, steps], [steps, steps - steps / 2, 3]] {
-        let mut jobs: Vec<_> = progress
-            .iter_mut()
-            .enumerate()
-            .map(|(world, progress)| Job { world, steps: part[world], progress, outcome: Ok(()) })
-            .collect();
-        fleet.advance(&mut jobs);
-        assert!(jobs.iter().all(|j| j.outcome.is_ok()));
+        batch.advance(&part);
     }
-    assert_eq!(fleet.state(1, &progress[1]).hash(), alone);
+    assert_eq!(batch.state(1).hash(), alone);
 }
 
 /// Every integrator goes on from a state taken between two rebuilds as if nothing had happened.
-pub fn a_checkpoint_goes_on(backend: Backend) {
-    let (count, steps) = size(backend);
+pub fn a_checkpoint_goes_on(on: &Subject) {
+    let (count, steps) = (on.budget.tumblers, on.budget.tumbling);
     for seed in 0..4 {
-        let mut run = Run::new(backend, tumbling(count / 3, seed));
+        let mut run = Run::new(on, tumbling(count / 3, seed));
         run.steps(steps / 2 + 3);
         let bytes = run.state().to_bytes();
-        let mut resumed = Run::resume(backend, run.c.clone(), State::from_bytes(&bytes).unwrap());
+        let mut resumed = Run::resume(on, run.c.clone(), State::from_bytes(&bytes).unwrap());
         run.steps(steps / 2);
         resumed.steps(steps / 2);
         let (a, b) = (run.state(), resumed.state());
-        if states_are_exact(backend) {
+        if on.exact_states {
             assert_eq!(a.hash(), b.hash(), "{}", IntegratorKind::ALL[seed as usize].name());
         } else {
             for (a, b) in bodies(&run.c, &a).iter().zip(bodies(&run.c, &b)) {
@@ -105,14 +91,14 @@ pub fn a_checkpoint_goes_on(backend: Backend) {
     }
 }
 
-pub fn leavers_are_listed(backend: Backend) {
+pub fn leavers_are_listed(on: &Subject) {
     let mut w = open_world([0.0; 3], 0.05, 1e-5, grain(0.5, 0.5));
     for i in 0..20 {
         let away = if i % 5 == 0 { 8.0 } else { 0.01 };
         let x = [0.005 * f64::from(i) - 0.0475, 0.0, 0.0];
         w.particles.push_moving(x, RADIUS, 0, [0.0, away, 0.0], [0.0; 3]);
     }
-    let mut run = Run::new(backend, w);
+    let mut run = Run::new(on, w);
     run.steps(1000);
     let ids: Vec<u32> = run.g.lost.iter().map(|l| l.id).collect();
     assert_eq!(ids, [0, 5, 10, 15]);

@@ -1,15 +1,10 @@
 //! Momentum and angular momentum of an isolated cloud, for every registered law.
 
-use glebe_engine::backend::Backend;
 use glebe_engine::lattice::{add, cross, norm, scale, sub};
 use glebe_engine::spec::{Vec3, WorldSpec};
 use glebe_physics::ContactModel;
 
-use crate::support::{Body, Random, Run, each_law, grain, label, open_world};
-
-/// Largest change over 200 steps, as a share of the sum of sizes.
-const MOMENTUM: f64 = 1e-6;
-const ANGULAR_MOMENTUM: f64 = 2e-6;
+use crate::support::{Body, Random, Run, Subject, each_law, grain, label, open_world};
 
 /// Laws whose torques are not equal and opposite, as their papers have them.
 const NOT_CONSERVING: [&str; 2] = ["chrono", "gpudem"];
@@ -39,20 +34,24 @@ fn momenta(bodies: &[Body], center: Vec3) -> ([Vec3; 2], [f64; 2]) {
     (sums, sizes)
 }
 
-pub fn momentum_of_an_isolated_cloud(backend: Backend) {
+pub fn momentum_of_an_isolated_cloud(on: &Subject) {
     for contact in each_law() {
         let name = label(&contact);
         let conserving = !NOT_CONSERVING.contains(&contact.rolling.law.as_str());
-        let mut run = Run::new(backend, cloud(contact));
+        let mut run = Run::new(on, cloud(contact));
         assert!(run.moment().contacts > 60, "{name}: {} contacts", run.moment().contacts);
         let center = [4e-3; 3];
         let (before, size) = momenta(&run.bodies(), center);
         run.steps(200);
         let (after, _) = momenta(&run.bodies(), center);
         let change = [0, 1].map(|k| norm(sub(after[k], before[k])) / size[k]);
-        assert!(change[0] < MOMENTUM, "{name}: momentum changed by {:.2e}", change[0]);
+        assert!(change[0] < on.bounds.momentum, "{name}: momentum changed by {:.2e}", change[0]);
         if conserving {
-            assert!(change[1] < ANGULAR_MOMENTUM, "{name}: angular momentum changed by {:.2e}", change[1]);
+            assert!(
+                change[1] < on.bounds.angular_momentum,
+                "{name}: angular momentum changed by {:.2e}",
+                change[1]
+            );
         }
     }
 }

@@ -1,18 +1,15 @@
 //! The energy ledger, and what surfaces report.
 
-use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status};
 use glebe_engine::lattice::{add, dot, norm, scale, sub};
 use glebe_engine::spec::{Domain, Pose, Side, Until};
 use glebe_engine::state::StageResult;
 use glebe_physics::{ContactModel, LawChoice};
 
-use crate::support::{Random, Run, grain, mesh, open_world, rectangle};
+use crate::support::{Random, Run, Subject, grain, mesh, open_world, rectangle};
 
 /// Largest open balance as a share of the dissipated energy, at 50 steps and more per collision.
 const CLOSURE: f64 = 0.01;
-/// Relative error of impulse and work of a surface against momentum and energy of the particles.
-const BALANCE: f64 = 1e-4;
 
 const RADIUS: f64 = 2e-3;
 
@@ -34,7 +31,7 @@ impl Observer for Last {
 }
 
 /// 64 spheres with friction and rolling resistance fall into a box and come to rest.
-pub fn the_ledger_closes(backend: Backend) {
+pub fn the_ledger_closes(on: &Subject) {
     let mut w = open_world([0.0; 3], 0.1, 4e-6, grain(0.6, 0.4));
     let sides = [[Side::Wall; 2], [Side::Wall; 2], [Side::Wall, Side::Open]];
     w.domain = Domain::aligned([0.0; 3], [0.017, 0.017, 0.06], sides, Some(0));
@@ -54,7 +51,7 @@ pub fn the_ledger_closes(backend: Backend) {
             r.vector(50.0),
         );
     }
-    let mut batch = Batch::new(vec![w], backend).map_err(|e| e.1).unwrap();
+    let mut batch = Batch::new(vec![w], on.backend).map_err(|e| e.1).unwrap();
     let mut last = Last::default();
     while batch.running() {
         batch.advance(&mut last).unwrap();
@@ -72,14 +69,14 @@ pub fn the_ledger_closes(backend: Backend) {
 
 /// A moving mesh hits two spheres: the impulse that it reports is the momentum that they gain, the torque their
 /// angular momentum, and its work their energy.
-pub fn surfaces_account_for_momentum_and_work(backend: Backend) {
+pub fn surfaces_account_for_momentum_and_work(on: &Subject) {
     let mut w = open_world([0.0; 3], 0.1, 2e-6, grain(0.7, 0.3));
     let (vertices, triangles) = rectangle([-0.02; 2], [0.02; 2]);
     w.surfaces = vec![mesh(vertices, triangles, Pose::default())];
     w.surfaces[0].motion.velocity = [0.1, 0.0, 0.4];
     w.particles.push_moving([0.003, 0.001, 1.01 * RADIUS], RADIUS, 0, [0.0; 3], [30.0, 0.0, 5.0]);
     w.particles.push_moving([-0.006, 0.004, -1.01 * RADIUS], RADIUS, 0, [0.0, 0.1, 0.9], [0.0; 3]);
-    let mut run = Run::new(backend, w);
+    let mut run = Run::new(on, w);
     let before = (run.bodies(), run.moment().kinetic());
     run.steps(1000);
     assert_eq!(run.moment().surface_contacts, 0);
@@ -89,9 +86,16 @@ pub fn surfaces_account_for_momentum_and_work(backend: Backend) {
         before.0.iter().zip(&after.0).fold([0.0; 3], |sum, (b, a)| add(sum, scale(sub(a.v, b.v), a.mass)));
     let force = [impulse[0], impulse[1], impulse[2]];
     assert!(norm(gained) > 1e-6);
-    assert!(norm(add(force, gained)) < BALANCE * norm(gained), "impulse {force:?}, momentum {gained:?}");
+    assert!(
+        norm(add(force, gained)) < on.bounds.balance * norm(gained),
+        "impulse {force:?}, momentum {gained:?}"
+    );
     let l = run.g.ledger;
     let open = l.work - (after.1 - before.1) - l.dissipated() - l.stiffness_change;
     assert!(open.abs() < 0.01 * l.dissipated(), "work {:e} J leaves {open:e} J, {l:?}", l.work);
-    assert!((l.work + dot(force, [0.1, 0.0, 0.4])).abs() < BALANCE * l.work.abs(), "work {:e} J", l.work);
+    assert!(
+        (l.work + dot(force, [0.1, 0.0, 0.4])).abs() < on.bounds.balance * l.work.abs(),
+        "work {:e} J",
+        l.work
+    );
 }

@@ -2,18 +2,12 @@
 
 use std::f64::consts::FRAC_PI_6;
 
-use glebe_engine::backend::Backend;
 use glebe_engine::lattice::{norm, sub};
 use glebe_engine::spec::{Domain, Pose, Side, Surface, Vec3, WorldSpec};
 use glebe_engine::surface::{quaternion, rotate};
 use glebe_physics::{ContactModel, LawChoice};
 
-use crate::support::{Body, Random, Run, grain, mesh, open_world, plane, rectangle};
-
-/// Largest difference of trajectories on a plane and on a mesh: of places in radii, of velocities as a share
-/// of the speed, of surface speeds from spin likewise.
-const POSITION: f64 = 2e-5;
-const VELOCITY: f64 = 1e-4;
+use crate::support::{Body, Random, Run, Subject, Together, grain, mesh, open_world, plane, rectangle};
 
 const RADIUS: f64 = 2e-3;
 const SPEED: f64 = 0.4;
@@ -58,17 +52,24 @@ fn on_floor(floor: Surface, pose: Pose, side: f64) -> WorldSpec {
     w
 }
 
-fn trajectory(backend: Backend, w: WorldSpec) -> Vec<Vec<Body>> {
-    let mut run = Run::new(backend, w);
-    (0..10).map(|_| run.steps(1000).bodies()).collect()
+/// Ten frames of each world.
+fn trajectories(on: &Subject, worlds: Vec<WorldSpec>) -> Vec<Vec<Vec<Body>>> {
+    let mut all = vec![Vec::new(); worlds.len()];
+    let mut batch = Together::new(on, worlds);
+    for _ in 0..10 {
+        batch.steps(1000);
+        all.iter_mut().enumerate().for_each(|(k, frames)| frames.push(batch.bodies(k)));
+    }
+    all
 }
 
-fn assert_same(what: &str, a: &[Vec<Body>], b: &[Vec<Body>]) {
+fn assert_same(on: &Subject, what: &str, a: &[Vec<Body>], b: &[Vec<Body>]) {
+    let most = &on.bounds.triangulation;
     for (k, (a, b)) in a.iter().flatten().zip(b.iter().flatten()).enumerate() {
         let off =
             [norm(sub(a.x, b.x)) / RADIUS, norm(sub(a.v, b.v)) / SPEED, norm(sub(a.w, b.w)) * RADIUS / SPEED];
         assert!(
-            off[0] < POSITION && off[1] < VELOCITY && off[2] < VELOCITY,
+            off[0] < most.place && off[1] < most.velocity && off[2] < most.spin,
             "{what}: sphere {} in frame {} is off by {off:.2?} (place, velocity, spin)",
             k % 3,
             k / 3
@@ -76,45 +77,55 @@ fn assert_same(what: &str, a: &[Vec<Body>], b: &[Vec<Body>]) {
     }
 }
 
-pub fn any_triangulation_is_one_plane(backend: Backend) {
+pub fn any_triangulation_is_one_plane(on: &Subject) {
     let (two, many) = (rectangle([-0.03; 2], [0.03; 2]), crumpled(0.03, 40));
-    for tilt in [0.0, FRAC_PI_6] {
-        for side in [1.0, -1.0] {
-            let pose =
-                Pose { translation: [0.003, 0.001, -0.002], rotation: quaternion([0.6, 0.8, 0.0], tilt) };
-            let normal = rotate(pose.rotation, [0.0, 0.0, side]);
-            let flat = trajectory(backend, on_floor(plane(normal, pose.translation), pose, side));
-            assert!(flat[9][2].x[0] - flat[0][2].x[0] > 2.0 * RADIUS, "the test has no way to roll");
-            for (what, (vertices, triangles)) in [("two triangles", &two), ("many triangles", &many)] {
-                let floor = mesh(vertices.clone(), triangles.clone(), pose);
-                let found = trajectory(backend, on_floor(floor, pose, side));
-                assert_same(&format!("{what}, side {side}, tilt {tilt:.2}"), &found, &flat);
-            }
+    let mut worlds = Vec::new();
+    let cases = [(0.0, 1.0), (0.0, -1.0), (FRAC_PI_6, 1.0), (FRAC_PI_6, -1.0)];
+    for (tilt, side) in cases {
+        let pose = Pose { translation: [0.003, 0.001, -0.002], rotation: quaternion([0.6, 0.8, 0.0], tilt) };
+        let normal = rotate(pose.rotation, [0.0, 0.0, side]);
+        worlds.push(on_floor(plane(normal, pose.translation), pose, side));
+        for (vertices, triangles) in [&two, &many] {
+            worlds.push(on_floor(mesh(vertices.clone(), triangles.clone(), pose), pose, side));
+        }
+    }
+    let found = trajectories(on, worlds);
+    for ((tilt, side), found) in cases.iter().zip(found.chunks(3)) {
+        let flat = &found[0];
+        assert!(flat[9][2].x[0] - flat[0][2].x[0] > 2.0 * RADIUS, "the test has no way to roll");
+        for (what, found) in ["two triangles", "many triangles"].iter().zip(&found[1..]) {
+            assert_same(on, &format!("{what}, side {side}, tilt {tilt:.2}"), found, flat);
         }
     }
 }
 
 /// A mesh that spans one period of the cell has no edge where the next period begins.
-pub fn a_floor_of_one_period_is_a_plane(backend: Backend) {
-    let run = |floor: Surface| {
+pub fn a_floor_of_one_period_is_a_plane(on: &Subject) {
+    let world = |floor: Surface| {
         let mut w = on_floor(floor, Pose::default(), 1.0);
         let sides = [[Side::Periodic; 2], [Side::Periodic; 2], [Side::Open; 2]];
         w.domain = Domain::aligned([-0.015; 3], [0.015; 3], sides, None);
-        trajectory(backend, w)
+        w
     };
-    let flat = run(plane([0.0, 0.0, 1.0], [0.0; 3]));
-    assert!(flat.iter().any(|b| b[2].x[0] < -0.005), "no sphere came around");
-    for (what, (vertices, triangles)) in [
+    let meshes = [
         ("two triangles", rectangle([-0.015; 2], [0.015; 2])),
         ("many triangles", crumpled(0.015, 20)),
         ("more than a period", rectangle([-0.04; 2], [0.04; 2])),
-    ] {
-        assert_same(what, &run(mesh(vertices, triangles, Pose::default())), &flat);
+    ];
+    let mut worlds = vec![world(plane([0.0, 0.0, 1.0], [0.0; 3]))];
+    for (_, (vertices, triangles)) in &meshes {
+        worlds.push(world(mesh(vertices.clone(), triangles.clone(), Pose::default())));
+    }
+    let found = trajectories(on, worlds);
+    let flat = &found[0];
+    assert!(flat.iter().any(|b| b[2].x[0] < -0.005), "no sphere came around");
+    for ((what, _), found) in meshes.iter().zip(&found[1..]) {
+        assert_same(on, what, found, flat);
     }
 }
 
 /// A sphere that slides over a ridge touches it once all the way, and leaves it with its energy.
-pub fn a_convex_edge_acts_once(backend: Backend) {
+pub fn a_convex_edge_acts_once(on: &Subject) {
     for split in [1, 7] {
         let mut w = open_world([0.0; 3], 0.2, 2e-6, grain(1.0, 0.0));
         w.gravity = [0.0, 0.0, -9.81];
@@ -136,7 +147,7 @@ pub fn a_convex_edge_acts_once(backend: Backend) {
         let up = 0.9995 * RADIUS;
         let at = [-0.006 - sin * up, 0.001, -0.0015 + cos * up];
         w.particles.push_moving(at, RADIUS, 0, [0.3 * cos, 0.02, 0.3 * sin], [0.0; 3]);
-        let mut run = Run::new(backend, w);
+        let mut run = Run::new(on, w);
         let energy = |run: &mut Run| {
             let m = run.moment();
             m.kinetic() + m.potential + m.elastic_normal
@@ -155,7 +166,7 @@ pub fn a_convex_edge_acts_once(backend: Backend) {
     }
 }
 
-pub fn concave_corners_act_on_each_side(backend: Backend) {
+pub fn concave_corners_act_on_each_side(on: &Subject) {
     let (vertices, triangles) = crumpled(0.02, 30);
     let floor =
         |rotation| mesh(vertices.clone(), triangles.clone(), Pose { translation: [0.0; 3], rotation });
@@ -170,7 +181,7 @@ pub fn concave_corners_act_on_each_side(backend: Backend) {
         w.particles.push(at, RADIUS, 0);
         w.surfaces =
             std::iter::once(floor([1.0, 0.0, 0.0, 0.0])).chain(sides.map(floor)).take(walls + 1).collect();
-        let mut apart = Run::new(backend, w.clone());
+        let mut apart = Run::new(on, w.clone());
         let (mut all, mut faces) = (Vec::new(), Vec::new());
         for s in &w.surfaces {
             let from = all.len() as u32;
@@ -178,7 +189,7 @@ pub fn concave_corners_act_on_each_side(backend: Backend) {
             faces.extend(triangles.iter().map(|t| t.map(|v| v + from)));
         }
         w.surfaces = vec![mesh(all, faces, Pose::default())];
-        let mut together = Run::new(backend, w);
+        let mut together = Run::new(on, w);
         assert_eq!(apart.moment().surface_contacts, count, "{walls} walls at {at:?}");
         assert_eq!(together.moment().surface_contacts, count, "{walls} walls in one mesh at {at:?}");
         let forces = [apart.steps(1).bodies()[0].force, together.steps(1).bodies()[0].force];
@@ -191,13 +202,13 @@ pub fn concave_corners_act_on_each_side(backend: Backend) {
 }
 
 /// A plane acts on what touches it, from either side, and on nothing far behind it.
-pub fn a_plane_ends_where_it_ends(backend: Backend) {
+pub fn a_plane_ends_where_it_ends(on: &Subject) {
     let mut w = open_world([0.0; 3], 0.2, 1e-6, grain(1.0, 0.0));
     for (i, height) in [0.99, -0.99, -10.0, 10.0].into_iter().enumerate() {
         w.particles.push([0.02 * i as f64, 0.0, height * RADIUS], RADIUS, 0);
     }
     w.surfaces = vec![plane([0.0, 0.0, 1.0], [0.0; 3])];
-    let forces: Vec<f64> = Run::new(backend, w).steps(1).bodies().iter().map(|b| b.force[2]).collect();
+    let forces: Vec<f64> = Run::new(on, w).steps(1).bodies().iter().map(|b| b.force[2]).collect();
     assert!(forces[0] > 0.0 && (forces[0] + forces[1]).abs() < 1e-5 * forces[0], "{forces:?}");
     assert_eq!(forces[2..], [0.0, 0.0]);
 }

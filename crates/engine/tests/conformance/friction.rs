@@ -1,21 +1,20 @@
 //! Coulomb friction: the cap, sliding at constant μ, sticking and slipping.
 
-use glebe_engine::backend::Backend;
 use glebe_engine::lattice::norm;
 use glebe_engine::spec::{Vec3, WorldSpec};
 use glebe_physics::ContactModel;
 
-use crate::support::{Run, e_star, each_law, grain, has_spring, label, open_world, plane, sphere_mass};
+use crate::support::{
+    Run, Subject, e_star, each_law, grain, has_spring, label, open_world, plane, sphere_mass,
+};
 
-/// Relative excess over the cap that rounding may cause.
-const CAP: f64 = 1e-5;
 /// Relative error of sliding speeds and distances, whatever the step.
 const SLIDING: f64 = 2e-3;
 
 const RADIUS: f64 = 2e-3;
 const STEPS: [f64; 3] = [8e-6, 3e-6, 1e-6];
 
-pub fn total_force_stays_below_the_cap(backend: Backend) {
+pub fn total_force_stays_below_the_cap(on: &Subject) {
     const FRICTION: f64 = 0.3;
     for contact in each_law().into_iter().filter(has_spring) {
         let name = label(&contact);
@@ -32,7 +31,7 @@ pub fn total_force_stays_below_the_cap(backend: Backend) {
                 [0.0, spin, 0.0],
             );
             w.surfaces = vec![plane([0.0, 0.0, 1.0], [0.0; 3])];
-            let mut run = Run::new(backend, w);
+            let mut run = Run::new(on, w);
             let mut touched = 0;
             for _ in 0..600 {
                 run.steps(1);
@@ -43,7 +42,7 @@ pub fn total_force_stays_below_the_cap(backend: Backend) {
                 let (tangential, cap) = (norm([f[0], f[1], 0.0]), FRICTION * (f[2] + attraction).max(0.0));
                 // The load is a difference of spring and dashpot; it vanishes at the end of a contact.
                 assert!(
-                    tangential <= cap * (1.0 + CAP) + 1e-6,
+                    tangential <= cap * (1.0 + on.bounds.cap) + 1e-6,
                     "{name}: {tangential:e} N, the cap is {cap:e} N"
                 );
                 touched += 1;
@@ -56,7 +55,7 @@ pub fn total_force_stays_below_the_cap(backend: Backend) {
 }
 
 /// A sphere launched on a plane without spin slides at `v0 - μ g t` until it rolls at 5/7 of its speed.
-pub fn a_sphere_slides_until_it_rolls(backend: Backend) {
+pub fn a_sphere_slides_until_it_rolls(on: &Subject) {
     const FRICTION: f64 = 0.2;
     const G: f64 = 9.81;
     const SPEED: f64 = 0.05;
@@ -71,7 +70,7 @@ pub fn a_sphere_slides_until_it_rolls(backend: Backend) {
         w.gravity = [0.0, 0.0, -G];
         w.particles.push_moving([0.0, 0.0, RADIUS - overlap], RADIUS, 0, [SPEED, 0.0, 0.0], [0.0; 3]);
         w.surfaces = vec![plane([0.0, 0.0, 1.0], [0.0; 3])];
-        let mut run = Run::new(backend, w);
+        let mut run = Run::new(on, w);
         let half = (0.5 * rolls / dt).round();
         run.steps(half as u64);
         let (b, t) = (run.bodies()[0], half * dt);
@@ -119,13 +118,13 @@ const STATIC_FRICTION: f64 = 0.5;
 
 /// Pulled with a force between μ and μ0 times the load, a block at rest stays and a sliding one goes on, at
 /// the same pace for every step; without the pull it stops and stays.
-pub fn a_block_slides_and_sticks(backend: Backend) {
+pub fn a_block_slides_and_sticks(on: &Subject) {
     const PULL: f64 = 0.4;
     const SPEED: f64 = 0.2;
     const DURATION: f64 = 2e-3;
     let after = |dt: f64, along: f64, pull: f64, duration: f64| -> (Vec3, Vec3, f64) {
         let (w, [load, mass, stretch]) = block(dt, along, pull);
-        let mut run = Run::new(backend, w);
+        let mut run = Run::new(on, w);
         if along == 0.0 {
             // In balance: a pull that comes at once would overshoot and break the hold.
             run.steps(1).edit(|_, state| {

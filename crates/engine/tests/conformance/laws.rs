@@ -2,19 +2,16 @@
 
 use std::f64::consts::TAU;
 
-use glebe_engine::backend::Backend;
 use glebe_engine::lattice::{add, cross, dot, norm, scale, sub};
 use glebe_engine::spec::{Vec3, WorldSpec};
 use glebe_physics::{ContactModel, LawChoice, Slot, laws};
 
 use crate::support::{
-    Run, assert_near, choice, each_law, grain, has_spring, label, open_world, plane, turned, unit,
+    Run, Subject, assert_near, choice, each_law, grain, has_spring, label, open_world, plane, turned, unit,
 };
 
 /// Relative error of the first step's stretch.
 const BIRTH: f64 = 1e-3;
-/// Relative error of a force against the finite difference of energies.
-const SLOPE: f64 = 1e-4;
 /// Most energy that may come from nowhere in a step, as a share of the kinetic energy.
 const GAIN: f64 = 1e-6;
 /// Relative error of the size of the tangential force of a contact turned rigidly once around, and of the force
@@ -50,10 +47,10 @@ fn sliding_speed(v: [Vec3; 2], w: [Vec3; 2], n: Vec3, arm: [f64; 2]) -> f64 {
     norm(sub(u, scale(n, dot(u, n))))
 }
 
-pub fn a_contact_is_born_without_memory(backend: Backend) {
+pub fn a_contact_is_born_without_memory(on: &Subject) {
     for contact in each_law().into_iter().filter(has_spring) {
         let name = label(&contact);
-        let mut run = Run::new(backend, impacts(contact, 1.0));
+        let mut run = Run::new(on, impacts(contact, 1.0));
         let (mut on_floor, mut on_sphere, mut born) = (false, false, [0, 0]);
         for _ in 0..12_000 {
             let before = run.bodies();
@@ -83,7 +80,7 @@ pub fn a_contact_is_born_without_memory(backend: Backend) {
     }
 }
 
-pub fn force_is_the_slope_of_energy(backend: Backend) {
+pub fn force_is_the_slope_of_energy(on: &Subject) {
     for normal in laws(Slot::Normal) {
         for cohesion in laws(Slot::Cohesion) {
             for overlap in [1e-3, 1e-2, 0.1] {
@@ -106,7 +103,7 @@ pub fn force_is_the_slope_of_energy(backend: Backend) {
                     } else {
                         w.surfaces = vec![plane(toward, [0.0; 3])];
                     }
-                    let mut run = Run::new(backend, w);
+                    let mut run = Run::new(on, w);
                     let energy = run.moment().elastic_normal;
                     run.steps(1);
                     (energy, dot(run.bodies()[0].force, toward))
@@ -118,17 +115,20 @@ pub fn force_is_the_slope_of_energy(backend: Backend) {
                     // Spring and cohesion may nearly cancel.
                     let attraction: f64 = contact.cohesion.parameters.iter().map(|p| p.1).sum();
                     let error = (force - slope).abs() / (force.abs() + attraction);
-                    assert!(error < SLOPE, "{name}: force {force:e}, slope {slope:e}, pair: {pair}");
+                    assert!(
+                        error < on.bounds.slope,
+                        "{name}: force {force:e}, slope {slope:e}, pair: {pair}"
+                    );
                 }
             }
         }
     }
 }
 
-pub fn dissipation_is_not_negative(backend: Backend) {
+pub fn dissipation_is_not_negative(on: &Subject) {
     for contact in each_law() {
         let name = label(&contact);
-        let mut run = Run::new(backend, impacts(contact, 0.3));
+        let mut run = Run::new(on, impacts(contact, 0.3));
         let energy = run.moment().kinetic();
         let mut before = run.g.ledger;
         for step in 0..4_000 {
@@ -150,7 +150,7 @@ pub fn dissipation_is_not_negative(backend: Backend) {
 
 /// Two touching spheres, their spring stretched, turned once around as one rigid body about three axes:
 /// across the contact, along it (twist), and neither.
-pub fn a_contact_that_turns_keeps_its_force(backend: Backend) {
+pub fn a_contact_that_turns_keeps_its_force(on: &Subject) {
     const STEPS: u64 = 1000;
     let (dt, overlap) = (1e-5, 1e-2 * RADIUS);
     let rate = TAU / (STEPS as f64 * dt);
@@ -162,7 +162,7 @@ pub fn a_contact_that_turns_keeps_its_force(backend: Backend) {
             let arm = RADIUS - 0.5 * overlap;
             w.particles.push([-arm, 0.0, 0.0], RADIUS, 0);
             w.particles.push([arm, 0.0, 0.0], RADIUS, 0);
-            let mut run = Run::new(backend, w);
+            let mut run = Run::new(on, w);
             run.steps(1);
             run.edit(|_, state| {
                 state.contacts[0].history[..4].copy_from_slice(&[0.0, 1e-5, 5e-6, 0.0]);

@@ -11,15 +11,117 @@ use glebe_engine::state::{Progress, State};
 use glebe_engine::{Constants, Failure, prepare};
 use glebe_physics::{ContactModel, IntegratorKind, LawChoice, LawInfo, Laws, Material, Slot, laws};
 
-/// Whether the backend's states hold everything that it goes on from, so that a checkpoint changes no bit.
-pub fn states_are_exact(backend: Backend) -> bool {
-    backend != Backend::Reference
+/// A backend under test: what its number format holds it to, and what it can afford.
+///
+/// A new backend is one constant here and its rows at the end of `main.rs`. What physics demands (restitution,
+/// creep, closure of the ledger, …) is the same for all and stands at the top of each suite; bounds that follow
+/// from rounding stand here, one a quantity.
+#[derive(Debug)]
+pub struct Subject {
+    pub backend: Backend,
+    /// Whether its states hold everything that it goes on from, so that a checkpoint changes no bit.
+    pub exact_states: bool,
+    pub bounds: Bounds,
+    pub budget: Budget,
 }
 
-/// `many` steps, or `few` on the reference, whose steps are slow.
-pub fn affordable(backend: Backend, many: u64, few: u64) -> u64 {
-    if backend == Backend::Reference { few } else { many }
+/// Largest differences that rounding may cause.
+#[derive(Debug)]
+pub struct Bounds {
+    /// Force on a particle after one step from a state of the reference, as a share of the sum of its contact
+    /// forces' sizes; its torque, as a share of that sum times the radius.
+    pub force: f64,
+    pub torque: f64,
+    /// Error of the distance of two particles, in units of the lattice.
+    pub distance: f64,
+    /// Trajectories of a packing that is pressed together, after 200 steps, against the reference.
+    pub trajectory: Apart,
+    /// Trajectories after 100 steps seen from two frames.
+    pub frame: Apart,
+    /// Trajectories over 10 000 steps on a plane and on a mesh of it.
+    pub triangulation: Apart,
+    /// Change of momentum and angular momentum of an isolated cloud in 200 steps, as a share of the sum of
+    /// sizes.
+    pub momentum: f64,
+    pub angular_momentum: f64,
+    /// Relative excess of a tangential force over its cap.
+    pub cap: f64,
+    /// Relative error of a force against the finite difference of energies.
+    pub slope: f64,
+    /// Relative error of impulse and work of a surface against momentum and energy of the particles.
+    pub balance: f64,
+    /// Most steps to an elastic impact at which rounding does not hide an integrator's error: 25 times a power
+    /// of two.
+    pub finest_impact: f64,
 }
+
+/// How far two trajectories may be apart.
+#[derive(Debug)]
+pub struct Apart {
+    /// Places, in radii.
+    pub place: f64,
+    /// Velocities, as a share of the largest.
+    pub velocity: f64,
+    /// Spins, as a share of the largest.
+    pub spin: f64,
+}
+
+/// Steps that a backend can afford where a suite may take more or fewer.
+#[derive(Debug)]
+pub struct Budget {
+    /// Of 1 µs, for creep of two particles.
+    pub creep: u64,
+    /// Of a packing of some hundred spheres at rest.
+    pub at_rest: u64,
+    /// Of a world of the suite of bits, and how many spheres tumble in it.
+    pub tumbling: u64,
+    pub tumblers: u32,
+}
+
+/// f32 after the overlap, threads and vectors.
+pub const CPU: Subject = Subject {
+    backend: Backend::Cpu,
+    exact_states: true,
+    bounds: Bounds {
+        force: 3e-6,
+        torque: 3e-6,
+        distance: DISTANCE,
+        trajectory: Apart { place: 1e-6, velocity: 2e-4, spin: 2e-4 },
+        frame: Apart { place: 2e-6, velocity: 2e-5, spin: 2e-4 },
+        triangulation: Apart { place: 2e-5, velocity: 1e-4, spin: 1e-4 },
+        momentum: 1e-6,
+        angular_momentum: 2e-6,
+        cap: 1e-5,
+        slope: 1e-4,
+        balance: 1e-4,
+        finest_impact: 200.0,
+    },
+    budget: Budget { creep: 1_000_000, at_rest: 10_000, tumbling: 500, tumblers: 1500 },
+};
+
+/// f64, but for the states that are read from it; with itself it agrees.
+pub const REFERENCE: Subject = Subject {
+    backend: Backend::Reference,
+    exact_states: false,
+    bounds: Bounds {
+        force: 0.0,
+        torque: 0.0,
+        distance: 0.0,
+        trajectory: Apart { place: 0.0, velocity: 0.0, spin: 0.0 },
+        frame: Apart { place: 1e-7, velocity: 1e-6, spin: 1e-6 },
+        triangulation: Apart { place: 1e-6, velocity: 1e-5, spin: 1e-5 },
+        momentum: 1e-7,
+        angular_momentum: 3e-7,
+        cap: 1e-6,
+        slope: 1e-5,
+        balance: 1e-5,
+        finest_impact: 1600.0,
+    },
+    budget: Budget { creep: 1_000_000, at_rest: 2_000, tumbling: 100, tumblers: 200 },
+};
+
+/// Of whole units: each coordinate of both particles is rounded by half a unit, along each of three axes.
+const DISTANCE: f64 = 1.732_050_8;
 
 /// Grains: 2500 kg/m³, E = 10 MPa, ν = 0.3.
 pub fn grain(restitution: f64, friction: f64) -> Material {
@@ -161,13 +263,13 @@ pub struct Run {
 }
 
 impl Run {
-    pub fn new(backend: Backend, spec: WorldSpec) -> Self {
+    pub fn new(on: &Subject, spec: WorldSpec) -> Self {
         let (c, state) = prepare(spec).unwrap();
-        Self::resume(backend, c, state)
+        Self::resume(on, c, state)
     }
 
-    pub fn resume(backend: Backend, c: Arc<Constants>, mut state: State) -> Self {
-        let fleet = backend.fleet(vec![(c.clone(), &mut state)]);
+    pub fn resume(on: &Subject, c: Arc<Constants>, mut state: State) -> Self {
+        let fleet = on.backend.fleet(vec![(c.clone(), &mut state)]);
         Self { c, g: state.progress, fleet }
     }
 
@@ -207,6 +309,54 @@ impl Run {
     /// The particles by their numbers.
     pub fn bodies(&self) -> Vec<Body> {
         bodies(&self.c, &self.state())
+    }
+}
+
+/// Worlds that run together, each by its own number of steps.
+pub struct Together {
+    pub worlds: Vec<(Arc<Constants>, Progress)>,
+    fleet: Box<dyn Fleet>,
+}
+
+impl Together {
+    pub fn new(on: &Subject, specs: Vec<WorldSpec>) -> Self {
+        let mut worlds: Vec<_> = specs.into_iter().map(|s| prepare(s).unwrap()).collect();
+        let fleet = on.backend.fleet(worlds.iter_mut().map(|(c, s)| (c.clone(), s)).collect());
+        Self { worlds: worlds.into_iter().map(|(c, s)| (c, s.progress)).collect(), fleet }
+    }
+
+    /// Takes `steps[k]` steps of world k.
+    pub fn advance(&mut self, steps: &[u64]) {
+        let mut jobs: Vec<_> = self
+            .worlds
+            .iter_mut()
+            .zip(steps)
+            .enumerate()
+            .filter(|(_, (_, steps))| **steps > 0)
+            .map(|(world, ((_, progress), &steps))| Job { world, steps, progress, outcome: Ok(()) })
+            .collect();
+        self.fleet.advance(&mut jobs);
+        for job in jobs {
+            job.outcome.unwrap();
+        }
+    }
+
+    /// Takes `n` steps of every world.
+    pub fn steps(&mut self, n: u64) {
+        self.advance(&vec![n; self.worlds.len()]);
+    }
+
+    pub fn state(&self, world: usize) -> State {
+        self.fleet.state(world, &self.worlds[world].1)
+    }
+
+    pub fn moment(&mut self, world: usize) -> Moment {
+        self.fleet.observe(world, &self.worlds[world].1)
+    }
+
+    /// The particles of a world by their numbers.
+    pub fn bodies(&self, world: usize) -> Vec<Body> {
+        bodies(&self.worlds[world].0, &self.state(world))
     }
 }
 
