@@ -1,11 +1,12 @@
 //! Coulomb friction: the cap, sliding at constant μ, sticking and slipping.
 
-use glebe_engine::lattice::norm;
+use glebe_engine::lattice::{norm, sub};
 use glebe_engine::spec::{Vec3, WorldSpec};
-use glebe_physics::ContactModel;
+use glebe_physics::{ContactModel, LawInfo, Slot, laws};
 
 use crate::support::{
-    Run, Subject, e_star, each_law, grain, has_spring, label, open_world, plane, sphere_mass,
+    Run, Subject, Together, choice, e_star, each_law, grain, has_spring, label, open_world, plane,
+    sphere_mass,
 };
 
 /// Relative error of sliding speeds and distances, whatever the step.
@@ -16,40 +17,34 @@ const STEPS: [f64; 3] = [8e-6, 3e-6, 1e-6];
 
 pub fn total_force_stays_below_the_cap(on: &Subject) {
     const FRICTION: f64 = 0.3;
+    let throws = [(0.05, 0.0), (0.5, 0.0), (0.0, 200.0), (0.3, -100.0)];
     for contact in each_law().into_iter().filter(has_spring) {
         let name = label(&contact);
         let attraction = contact.cohesion.parameters.iter().map(|p| p.1).sum::<f64>();
-        let mut slipped = 0;
-        for (along, spin) in [(0.05, 0.0), (0.5, 0.0), (0.0, 200.0), (0.3, -100.0)] {
-            let mut w = open_world([0.0; 3], 0.1, 2e-6, grain(0.5, FRICTION));
-            w.contact = contact.clone();
-            w.particles.push_moving(
-                [0.0, 0.0, 1.001 * RADIUS],
-                RADIUS,
-                0,
-                [along, 0.0, -0.5],
-                [0.0, spin, 0.0],
-            );
-            w.surfaces = vec![plane([0.0, 0.0, 1.0], [0.0; 3])];
-            let mut run = Run::new(on, w);
-            let mut touched = 0;
-            for _ in 0..600 {
-                run.steps(1);
-                let f = run.bodies()[0].force;
-                if f == [0.0; 3] {
-                    continue;
-                }
+        let mut w = open_world([0.0; 3], 0.1, 2e-6, grain(0.5, FRICTION));
+        w.contact = contact;
+        for (k, (along, spin)) in throws.into_iter().enumerate() {
+            let at = [0.0, 0.02 * k as f64, 1.001 * RADIUS];
+            w.particles.push_moving(at, RADIUS, 0, [along, 0.0, -0.5], [0.0, spin, 0.0]);
+        }
+        w.surfaces = vec![plane([0.0, 0.0, 1.0], [0.0; 3])];
+        let mut run = Run::new(on, w);
+        let (mut touched, mut slipped) = ([0; 4], 0);
+        for _ in 0..600 {
+            run.steps(1);
+            for (k, b) in run.bodies().iter().enumerate().filter(|(_, b)| b.force != [0.0; 3]) {
+                let f = b.force;
                 let (tangential, cap) = (norm([f[0], f[1], 0.0]), FRICTION * (f[2] + attraction).max(0.0));
                 // The load is a difference of spring and dashpot; it vanishes at the end of a contact.
                 assert!(
                     tangential <= cap * (1.0 + on.bounds.cap) + 1e-6,
                     "{name}: {tangential:e} N, the cap is {cap:e} N"
                 );
-                touched += 1;
+                touched[k] += 1;
                 slipped += u32::from(tangential > 0.999 * cap);
             }
-            assert!(touched > 50, "{name}: {touched} steps in contact");
         }
+        assert!(touched.iter().all(|n| *n > 50), "{name}: {touched:?} steps in contact");
         assert!(slipped > 50, "{name}: slipped in {slipped} steps");
     }
 }
@@ -88,6 +83,52 @@ pub fn a_sphere_slides_until_it_rolls(on: &Subject) {
         );
         let past = b.v[0] - b.w[1] * (RADIUS - overlap);
         assert!(past.abs() < SLIDING * SPEED, "dt {dt:e}: it still slides at {past:e} m/s");
+    }
+}
+
+/// Rolling resistance slows a sphere that rolls on a plane by 5/7 μr g and holds it once it stands; twist about the
+/// normal goes on.
+pub fn rolling_resistance_stops_a_sphere(on: &Subject) {
+    const G: f64 = 9.81;
+    const SPEED: f64 = 0.05;
+    const DT: f64 = 8e-6;
+    const TWIST: f64 = 5.0;
+    let mut m = grain(0.5, 0.5);
+    m.youngs_modulus = 5e6;
+    let slows = 5.0 / 7.0 * m.rolling_friction * G;
+    let overlap = (0.75 * sphere_mass(RADIUS, &m) * G / (e_star(&m) * RADIUS.sqrt())).powf(2.0 / 3.0);
+    // GPUDEM's torque acts against the whole spin.
+    let twist = |law: &LawInfo| if law.name == "gpudem" { 0.0 } else { TWIST };
+    let resisting: Vec<_> = laws(Slot::Rolling).iter().filter(|law| law.name != "none").collect();
+    let worlds = resisting.iter().map(|law| {
+        let mut w = open_world([0.0; 3], 0.1, DT, m.clone());
+        w.contact.rolling = choice(law);
+        w.gravity = [0.0, 0.0, -G];
+        let spin = [0.0, SPEED / (RADIUS - overlap), twist(law)];
+        w.particles.push_moving([0.0, 0.0, RADIUS - overlap], RADIUS, 0, [SPEED, 0.0, 0.0], spin);
+        w.surfaces = vec![plane([0.0, 0.0, 1.0], [0.0; 3])];
+        w
+    });
+    let mut batch = Together::new(on, worlds.collect());
+    let half = (0.5 * SPEED / slows / DT).round();
+    batch.steps(half as u64);
+    let rolling = SPEED - slows * half * DT;
+    for (k, law) in resisting.iter().enumerate() {
+        let b = batch.bodies(k)[0];
+        let error = (b.v[0] / rolling - 1.0).abs();
+        assert!(error < SLIDING, "{}: {} m/s instead of {rolling}", law.name, b.v[0]);
+        assert!((b.w[2] - twist(law)).abs() <= 1e-6 * TWIST, "{}: twist became {}", law.name, b.w[2]);
+    }
+    batch.steps(2 * half as u64);
+    let stood: Vec<_> = (0..resisting.len()).map(|k| batch.bodies(k)[0]).collect();
+    let way = 0.5 * SPEED * SPEED / slows;
+    batch.steps(half as u64);
+    for (k, law) in resisting.iter().enumerate() {
+        let b = batch.bodies(k)[0];
+        let error = (b.x[0] / way - 1.0).abs();
+        assert!(error < SLIDING, "{}: it stands at {} instead of {way} m", law.name, b.x[0]);
+        let drift = norm(sub(b.x, stood[k].x)) / RADIUS;
+        assert!(drift < 1e-6, "{}: where it stood, it moved by {drift:.2e} radii", law.name);
     }
 }
 

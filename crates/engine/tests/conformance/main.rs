@@ -15,6 +15,7 @@ mod energy;
 mod floor;
 mod frames;
 mod friction;
+mod guards;
 mod laws;
 mod packing;
 mod precision;
@@ -48,6 +49,7 @@ macro_rules! backend_suite {
                 restitution::restitution_equals_e,
                 friction::total_force_stays_below_the_cap,
                 friction::a_sphere_slides_until_it_rolls,
+                friction::rolling_resistance_stops_a_sphere,
                 friction::a_block_slides_and_sticks,
                 floor::any_triangulation_is_one_plane,
                 floor::a_floor_of_one_period_is_a_plane,
@@ -59,11 +61,14 @@ macro_rules! backend_suite {
                 precision::resting_overlap,
                 precision::a_packing_at_50_pa_stays_at_rest,
                 energy::the_ledger_closes,
+                energy::an_elastic_gas_keeps_its_energy,
+                energy::a_changing_stiffness_is_accounted,
                 energy::surfaces_account_for_momentum_and_work,
                 bits::runs_repeat,
                 bits::a_world_alone_equals_itself_in_a_batch,
                 bits::a_checkpoint_goes_on,
                 bits::leavers_are_listed,
+                guards::a_world_that_goes_wrong_stops_alone,
             }
         }
     };

@@ -73,6 +73,8 @@ pub struct Budget {
     pub creep: u64,
     /// Of a packing of some hundred spheres at rest.
     pub at_rest: u64,
+    /// Of a gas of 64 spheres.
+    pub gas: u64,
     /// Of a world of the suite of bits, and how many spheres tumble in it.
     pub tumbling: u64,
     pub tumblers: u32,
@@ -96,7 +98,7 @@ pub const CPU: Subject = Subject {
         balance: 1e-4,
         finest_impact: 200.0,
     },
-    budget: Budget { creep: 1_000_000, at_rest: 10_000, tumbling: 500, tumblers: 1500 },
+    budget: Budget { creep: 1_000_000, at_rest: 10_000, gas: 20_000, tumbling: 500, tumblers: 1500 },
 };
 
 /// f64, but for the states that are read from it; with itself it agrees.
@@ -117,7 +119,7 @@ pub const REFERENCE: Subject = Subject {
         balance: 1e-5,
         finest_impact: 1600.0,
     },
-    budget: Budget { creep: 1_000_000, at_rest: 2_000, tumbling: 100, tumblers: 200 },
+    budget: Budget { creep: 1_000_000, at_rest: 2_000, gas: 10_000, tumbling: 100, tumblers: 200 },
 };
 
 /// Of whole units: each coordinate of both particles is rounded by half a unit, along each of three axes.
@@ -274,15 +276,11 @@ impl Run {
     }
 
     pub fn steps(&mut self, n: u64) -> &mut Self {
-        self.try_steps(n).unwrap();
-        self
-    }
-
-    pub fn try_steps(&mut self, n: u64) -> Result<(), Failure> {
         let mut job = [Job { world: 0, steps: n, progress: &mut self.g, outcome: Ok(()) }];
         self.fleet.advance(&mut job);
         let [job] = job;
-        job.outcome
+        job.outcome.unwrap();
+        self
     }
 
     pub fn state(&self) -> State {
@@ -327,6 +325,13 @@ impl Together {
 
     /// Takes `steps[k]` steps of world k.
     pub fn advance(&mut self, steps: &[u64]) {
+        for outcome in self.try_advance(steps) {
+            outcome.unwrap();
+        }
+    }
+
+    /// The same; says how each world with steps to take went.
+    pub fn try_advance(&mut self, steps: &[u64]) -> Vec<Result<(), Failure>> {
         let mut jobs: Vec<_> = self
             .worlds
             .iter_mut()
@@ -336,9 +341,7 @@ impl Together {
             .map(|(world, ((_, progress), &steps))| Job { world, steps, progress, outcome: Ok(()) })
             .collect();
         self.fleet.advance(&mut jobs);
-        for job in jobs {
-            job.outcome.unwrap();
-        }
+        jobs.into_iter().map(|job| job.outcome).collect()
     }
 
     /// Takes `n` steps of every world.
