@@ -7,7 +7,9 @@ use glebe_engine::lattice::{add, norm, sub};
 use glebe_engine::spec::{Domain, Pose, Side, Vec3, WorldSpec};
 use glebe_physics::{ContactEnd, ContactModel, History, IntegratorKind, LawChoice, Material};
 
-use crate::support::{REFERENCE, Random, Run, Subject, all_combinations, grain, label, mesh, open_world};
+use crate::support::{
+    Body, REFERENCE, Random, Run, Subject, all_combinations, grain, label, mesh, open_world,
+};
 
 const SIZE: f64 = 0.030;
 
@@ -110,16 +112,27 @@ pub fn short_trajectories_equal_the_reference(on: &Subject) {
     run.steps(200);
     reference.steps(200);
     let b = reference.bodies();
-    let fastest = b.iter().map(|b| norm(b.v)).fold(0.0, f64::max);
+    let largest = |f: fn(&Body) -> Vec3| b.iter().map(|b| norm(f(b))).fold(0.0, f64::max);
+    let most = &on.bounds.trajectory;
     for (i, (a, b)) in run.bodies().iter().zip(&b).enumerate() {
         let mut d = sub(a.x, b.x);
         d[0] -= (d[0] / (0.98 * SIZE)).round() * 0.98 * SIZE;
-        let (x, v) = (norm(d) / 2e-3, norm(sub(a.v, b.v)) / fastest);
-        assert!(x < on.bounds.trajectory.place, "position of {i} off by {x:.2e} radii");
-        assert!(v < on.bounds.trajectory.velocity, "velocity of {i} off by {v:.2e} of the largest");
+        let x = norm(d) / 2e-3;
+        let (v, w) = (norm(sub(a.v, b.v)) / largest(|b| b.v), norm(sub(a.w, b.w)) / largest(|b| b.w));
+        assert!(x < most.place, "position of {i} off by {x:.2e} radii");
+        assert!(v < most.velocity, "velocity of {i} off by {v:.2e} of the largest");
+        assert!(w < most.spin, "spin of {i} off by {w:.2e} of the largest");
     }
     let (a, b) = (run.g.ledger, reference.g.ledger);
-    assert!((a.dissipated() / b.dissipated() - 1.0).abs() < 1e-3, "dissipated {a:?}, reference {b:?}");
+    for (row, a, b) in [
+        ("friction", a.friction, b.friction),
+        ("dashpots", a.dashpots, b.dashpots),
+        ("rolling", a.rolling, b.rolling),
+        ("stiffness change", a.stiffness_change, b.stiffness_change),
+    ] {
+        let error = (a / b - 1.0).abs();
+        assert!(error < on.bounds.ledger, "{row}: {a:e} J, the reference finds {b:e} J");
+    }
     let total = |run: &Run| run.bodies().iter().fold([0.0; 3], |sum, b| add(sum, b.force));
     assert!(norm(sub(total(&run), total(&reference))) < 1e-4 * norm(total(&reference)).max(1e-2));
 }

@@ -2,12 +2,15 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use glebe_engine::lattice::{add, norm, sub};
-use glebe_engine::spec::{Pose, Rotation, Shape, Vec3, WorldSpec};
+use glebe_engine::lattice::{add, norm, scale, sub};
+use glebe_engine::spec::{Domain, Pose, Rotation, Shape, Side, Vec3, WorldSpec};
 use glebe_engine::surface::quaternion;
 use glebe_physics::{ContactModel, IntegratorKind, LawChoice};
 
-use crate::support::{Body, Random, Run, Subject, grain, mesh, open_world, plane, rectangle, turned, unit};
+use crate::packing::nearest;
+use crate::support::{
+    Body, Random, Run, Subject, Together, grain, mesh, open_world, plane, rectangle, turned, unit,
+};
 
 const RADIUS: f64 = 2e-3;
 const STEPS: u64 = 100;
@@ -98,17 +101,21 @@ fn compare(on: &Subject, frame: Frame, integrator: IntegratorKind) {
     assert!(home.moment().contacts > 30 && home.moment().surface_contacts > 15);
     home.steps(STEPS);
     away.steps(STEPS);
-    let home_bodies = home.bodies();
-    let largest = |f: fn(&Body) -> Vec3| home_bodies.iter().map(|b| norm(f(b))).fold(0.0, f64::max);
+    let seen: Vec<Body> = home.bodies().iter().map(|b| frame.sees(b, STEPS as f64 * home.c.dt)).collect();
+    assert_equal(on, integrator.name(), &away.bodies(), &seen);
+}
+
+/// Asserts that `a` and `b` differ by no more than rounding makes of equal motions.
+fn assert_equal(on: &Subject, what: &str, a: &[Body], b: &[Body]) {
     let most = &on.bounds.frame;
-    let (v, w) = (largest(|b| b.v), largest(|b| b.w));
-    for (i, (a, b)) in away.bodies().iter().zip(&home_bodies).enumerate() {
-        let b = frame.sees(b, STEPS as f64 * home.c.dt);
+    let mean = scale(b.iter().fold([0.0; 3], |sum, b| add(sum, b.v)), 1.0 / b.len() as f64);
+    let v = b.iter().map(|b| norm(sub(b.v, mean))).fold(0.0, f64::max);
+    let w = b.iter().map(|b| norm(b.w)).fold(0.0, f64::max);
+    for (i, (a, b)) in a.iter().zip(b).enumerate() {
         let off = [norm(sub(a.x, b.x)) / RADIUS, norm(sub(a.v, b.v)) / v, norm(sub(a.w, b.w)) / w];
         assert!(
             off[0] < most.place && off[1] < most.velocity && off[2] < most.spin,
-            "{}: particle {i} is off by {off:.2?} (place in radii, velocity, spin)",
-            integrator.name()
+            "{what}: particle {i} is off by {off:.2?} (place in radii, velocity, spin)"
         );
     }
 }
@@ -127,4 +134,30 @@ pub fn a_rotation_changes_nothing(on: &Subject) {
 
 pub fn a_translation_changes_nothing(on: &Subject) {
     compare(on, Frame { origin: [100.0, -100.0, 100.0], ..HOME }, IntegratorKind::Euler);
+}
+
+/// A cube that repeats and a sheared cell of the same lattice of images hold the same packing.
+pub fn a_sheared_cell_changes_nothing(on: &Subject) {
+    const SIDE: f64 = 6.0 * 1.35 * RADIUS;
+    let world = |shear: f64| {
+        let mut w = open_world([0.0; 3], 0.1, 5e-6, grain(0.6, 0.4));
+        w.contact.rolling = LawChoice::named("constant-torque");
+        w.domain = Domain::aligned([0.0; 3], [SIDE; 3], [[Side::Periodic; 2]; 3], None);
+        w.domain.cell[0][1] = shear;
+        let mut r = Random(8);
+        for i in 0..216 {
+            let at = [i % 6, i / 6 % 6, i / 36].map(|k| 1.35 * RADIUS * f64::from(k));
+            let radius = RADIUS * (0.6 + 0.2 * r.unit());
+            w.particles.push_moving(add(at, r.vector(1e-4)), radius, 0, r.vector(0.5), r.vector(50.0));
+        }
+        w
+    };
+    let mut batch = Together::new(on, vec![world(0.0), world(SIDE)]);
+    assert!(batch.moment(0).contacts > 300 && batch.moment(0).contacts == batch.moment(1).contacts);
+    batch.steps(STEPS);
+    let [cube, mut sheared] = [0, 1].map(|k| batch.bodies(k));
+    for (a, b) in sheared.iter_mut().zip(&cube) {
+        a.x = add(b.x, nearest(sub(a.x, b.x), SIDE));
+    }
+    assert_equal(on, "a sheared cell", &sheared, &cube);
 }

@@ -42,6 +42,7 @@ macro_rules! backend_suite {
                 frames::a_boost_changes_nothing,
                 frames::a_rotation_changes_nothing,
                 frames::a_translation_changes_nothing,
+                frames::a_sheared_cell_changes_nothing,
                 laws::a_contact_is_born_without_memory,
                 laws::force_is_the_slope_of_energy,
                 laws::dissipation_is_not_negative,

@@ -36,7 +36,10 @@ pub struct Bounds {
     pub distance: f64,
     /// Trajectories of a packing that is pressed together, after 200 steps, against the reference.
     pub trajectory: Apart,
-    /// Trajectories after 100 steps seen from two frames.
+    /// Relative error of what its ledger says was lost in these steps.
+    pub ledger: f64,
+    /// Trajectories after 100 steps seen from two frames, or in two cells of the same images.
+    /// Velocities as a share of the largest fluctuation.
     pub frame: Apart,
     /// Trajectories over 10 000 steps on a plane and on a mesh of it.
     pub triangulation: Apart,
@@ -89,6 +92,7 @@ pub const CPU: Subject = Subject {
         torque: 3e-6,
         distance: DISTANCE,
         trajectory: Apart { place: 1e-6, velocity: 2e-4, spin: 2e-4 },
+        ledger: 1e-3,
         frame: Apart { place: 2e-6, velocity: 2e-5, spin: 2e-4 },
         triangulation: Apart { place: 2e-5, velocity: 1e-4, spin: 1e-4 },
         momentum: 1e-6,
@@ -110,6 +114,7 @@ pub const REFERENCE: Subject = Subject {
         torque: 0.0,
         distance: 0.0,
         trajectory: Apart { place: 0.0, velocity: 0.0, spin: 0.0 },
+        ledger: 0.0,
         frame: Apart { place: 1e-7, velocity: 1e-6, spin: 1e-6 },
         triangulation: Apart { place: 1e-6, velocity: 1e-5, spin: 1e-5 },
         momentum: 1e-7,
