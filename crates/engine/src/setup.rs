@@ -6,10 +6,13 @@ use glebe_physics as physics;
 use glebe_physics::{Impact, Laws, PairCoefficients, PairOverride, PairProperties};
 
 use crate::failure::SetupError;
-use crate::lattice::{Lattice, norm};
-use crate::spec::{Action, Component, Motion, Pose, Shape, Side, Step, TriMesh, Vec3, WorldSpec};
+use crate::lattice::{Lattice, UNITS, add, cross, dot, mul, norm, scale, sub};
+use crate::spec::{
+    Action, Component, Motion, ParticleSet, Pose, Rotation, Shape, Side, Step, Surface, TriMesh, Vec3,
+    WorldSpec,
+};
 use crate::state::{MeasureState, Particles, Place, Progress, Spin, State, SurfaceState, Velocity};
-use crate::surface::Bvh;
+use crate::surface::{Bvh, Span, rotate, touch};
 
 /// Largest skin as a share of the mean radius; lists widen their reach up to it when particles move fast.
 pub const SKIN_MAX: f64 = 1.0;
@@ -21,6 +24,13 @@ pub const SKIN_MIN: f64 = 0.04;
 pub const SKIN_START: f64 = 0.3;
 /// Most particle sizes a list level spans: radii within a level differ at most by this factor.
 pub const LEVEL_RATIO: f64 = 2.0;
+
+/// Names of the axes in messages.
+const AXES: [char; 3] = ['x', 'y', 'z'];
+/// Most periods that a mesh may be long: beyond, a file in the wrong unit is likelier than a tool.
+const PERIODS_MAX: f64 = 100.0;
+/// Largest sine of the angle between a plane and a periodic axis that counts as parallel: rounding.
+const PARALLEL: f64 = 1e-9;
 
 /// A surface as kernels see it: those of the specification, then the domain's walls.
 #[derive(Clone, Debug)]
@@ -98,6 +108,17 @@ impl Constants {
         let moves = self.spec.stages.get(stage).map_or(&[][..], |st| &st.moves);
         moves.iter().find(|(k, _)| *k == s).map_or(self.spec.surfaces[s].motion, |(_, m)| *m)
     }
+    /// A position moved by whole periods.
+    pub fn shifted(&self, x: Vec3, shift: [i32; 3]) -> Vec3 {
+        if shift == [0; 3] { x } else { add(x, mul(&self.spec.domain.cell, shift.map(f64::from))) }
+    }
+
+    /// A difference of places in periods of the cell; 0 along axes that do not wrap.
+    pub fn periods(&self, d: Vec3) -> Vec3 {
+        let l = &self.lattice;
+        let units = mul(&l.inverse, d);
+        [0, 1, 2].map(|k| if l.periodic[k] { units[k] / (f64::from(l.windows[k]) * UNITS) } else { 0.0 })
+    }
     /// Longest reach of a neighbour list \[m\].
     pub fn cutoff(&self) -> f64 {
         2.0 * self.radius_max + self.range + SKIN_MAX * self.radius_mean
@@ -134,45 +155,33 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
     let radius_max = if count > 0 { radius_max } else { 1e-3 };
     let range = pairs.iter().map(|p| p.range).fold(0.0, f64::max);
     let cutoff = 2.0 * radius_max + range + SKIN_MAX * radius_mean;
-    let lattice = Lattice::new(&spec.domain, cutoff).map_err(|(axis, height)| {
-        SetupError::PeriodicTooShort { axis: ['x', 'y', 'z'][axis], height, cutoff }
-    })?;
+    let lattice = Lattice::new(&spec.domain, cutoff)
+        .map_err(|(axis, height)| SetupError::PeriodicTooShort { axis: AXES[axis], height, cutoff })?;
     let boundaries = boundaries(&spec)?;
     let limits = step_limits(&spec, &set, laws, &pairs);
     let mut warnings = Vec::new();
     let dt = time_step(&spec, limits, &mut warnings)?;
+    let mut constants = Constants {
+        spec,
+        history: laws.history().into_iter().map(|s| s as f32).collect(),
+        laws,
+        dt,
+        limits,
+        lattice,
+        pairs,
+        boundaries,
+        count,
+        radius_max,
+        radius_mean,
+        range,
+        warnings,
+    };
+    check_periodic(&constants)?;
+    let warnings = check_start(&constants, &set)?;
+    constants.warnings.extend(warnings);
+    let particles = particles(&constants, &set)?;
 
-    check_start(&spec, &set, &boundaries, &mut warnings)?;
-    let mut particles = Particles::default();
-    for i in 0..count {
-        let e = lattice.encode(set.position[i]);
-        for k in 0..3 {
-            let u = Lattice::units(e.hi[k], e.lo[k]);
-            if !lattice.periodic[k] && !(0..=lattice.extent[k]).contains(&u) {
-                let why = format!(
-                    "starts outside the domain along {}; move it or enlarge the domain",
-                    ['x', 'y', 'z'][k]
-                );
-                return Err(SetupError::Particle { id: i, at: set.position[i], why });
-            }
-        }
-        let r = set.radius[i];
-        let mass = 4.0 / 3.0 * std::f64::consts::PI * r.powi(3) * spec.materials[set.material[i]].density;
-        particles.id.push(i as u32);
-        particles.place.push(Place { lo: e.lo, radius: r as f32 });
-        particles.hi.push(e.hi);
-        particles.rest.push(e.rest);
-        let v = set.velocity.get(i).copied().unwrap_or_default();
-        let w = set.spin.get(i).copied().unwrap_or_default();
-        particles.velocity.push(Velocity { v: v.map(|x| x as f32), inv_mass: (1.0 / mass) as f32 });
-        particles.spin.push(Spin { w: w.map(|x| x as f32), material: set.material[i] as u32 });
-    }
-    particles.acceleration = vec![[0.0; 3]; count];
-    particles.angular = vec![[0.0; 3]; count];
-    particles.force = vec![[0.0; 3]; count];
-    particles.hi_ref.clone_from(&particles.hi);
-    particles.lo_ref = particles.place.iter().map(|p| p.lo).collect();
-
+    let spec = &constants.spec;
     let surfaces = spec
         .surfaces
         .iter()
@@ -187,23 +196,40 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         skin: SKIN_START * radius_mean,
         ..Progress::default()
     };
-    let history = laws.history().into_iter().map(|s| s as f32).collect();
-    let constants = Constants {
-        spec,
-        laws,
-        history,
-        dt,
-        limits,
-        lattice,
-        pairs,
-        boundaries,
-        count,
-        radius_max,
-        radius_mean,
-        range,
-        warnings,
-    };
     Ok((Arc::new(constants), State { particles, progress, ..State::default() }))
+}
+
+/// The particles at the start, encoded.
+fn particles(c: &Constants, set: &ParticleSet) -> Result<Particles, SetupError> {
+    let (spec, lattice) = (&c.spec, &c.lattice);
+    let mut particles = Particles::default();
+    for i in 0..set.len() {
+        let e = lattice.encode(set.position[i]);
+        for k in 0..3 {
+            let u = Lattice::units(e.hi[k], e.lo[k]);
+            if !lattice.periodic[k] && !(0..=lattice.extent[k]).contains(&u) {
+                let why =
+                    format!("starts outside the domain along {}; move it or enlarge the domain", AXES[k]);
+                return Err(SetupError::Particle { id: i, at: set.position[i], why });
+            }
+        }
+        let r = set.radius[i];
+        let mass = 4.0 / 3.0 * std::f64::consts::PI * r.powi(3) * spec.materials[set.material[i]].density;
+        particles.id.push(i as u32);
+        particles.place.push(Place { lo: e.lo, radius: r as f32 });
+        particles.hi.push(e.hi);
+        particles.rest.push(e.rest);
+        let v = set.velocity.get(i).copied().unwrap_or_default();
+        let w = set.spin.get(i).copied().unwrap_or_default();
+        particles.velocity.push(Velocity { v: v.map(|x| x as f32), inv_mass: (1.0 / mass) as f32 });
+        particles.spin.push(Spin { w: w.map(|x| x as f32), material: set.material[i] as u32 });
+    }
+    particles.acceleration = vec![[0.0; 3]; set.len()];
+    particles.angular = vec![[0.0; 3]; set.len()];
+    particles.force = vec![[0.0; 3]; set.len()];
+    particles.hi_ref.clone_from(&particles.hi);
+    particles.lo_ref = particles.place.iter().map(|p| p.lo).collect();
+    Ok(particles)
 }
 
 /// The properties of a pair of materials, with the overrides that the specification has for it.
@@ -340,40 +366,95 @@ fn check_particles(spec: &WorldSpec) -> Result<(), SetupError> {
     Ok(())
 }
 
+/// Refuses surfaces that do not repeat with the cell: planes across a periodic axis, now or once they turn, and
+/// meshes of very many periods.
+fn check_periodic(c: &Constants) -> Result<(), SetupError> {
+    let bad = |what: String| Err(SetupError::Invalid(what));
+    let instead = "particles would not meet it through the seam; make the sides of that axis walls or open, or \
+                   use a mesh, which repeats with the cell";
+    let spec = &c.spec;
+    for (s, k) in (0..spec.surfaces.len()).flat_map(|s| (0..3).map(move |k| (s, k))) {
+        if !c.lattice.periodic[k] {
+            continue;
+        }
+        let Surface { name, pose, motion, .. } = &spec.surfaces[s];
+        let axis = AXES[k];
+        let normal = match &c.boundaries[s].shape {
+            BoundaryShape::Plane(normal) => rotate(pose.rotation, *normal),
+            BoundaryShape::Mesh(_, bvh) => {
+                let periods = Span::new(c, bvh, pose).map_or(0.0, |span| span.periods(k));
+                if periods > PERIODS_MAX {
+                    return bad(format!(
+                        "the mesh `{name}` is {periods:.0} periods long along the periodic axis {axis}, more than \
+                         {PERIODS_MAX}; it repeats with the cell, so cut it to one period, or check its unit"
+                    ));
+                }
+                continue;
+            }
+        };
+        let vector = spec.domain.cell.map(|row| row[k]);
+        let vector = scale(vector, 1.0 / norm(vector));
+        if dot(normal, vector).abs() > PARALLEL {
+            return bad(format!(
+                "the plane `{name}` is not parallel to the periodic axis {axis}: {instead}, or turn the plane \
+                 parallel to {axis}"
+            ));
+        }
+        // A turn about the normal leaves the plane where it is, one about the axis leaves it parallel to that; of
+        // both kinds together neither holds.
+        let own = motion.rotation.map(|r| (r, String::new()));
+        let staged = spec.stages.iter().flat_map(|stage| {
+            let moves = stage.moves.iter().filter(move |m| m.0 == s);
+            moves.filter_map(|m| Some((m.1.rotation?, format!(" in the stage `{}`", stage.name))))
+        });
+        let turns: Vec<_> = own.into_iter().chain(staged).filter(|(r, _)| r.rate != 0.0).collect();
+        let about = |x: Vec3, r: &Rotation| norm(cross(x, r.axis)) <= PARALLEL;
+        if turns.iter().all(|(r, _)| about(normal, r)) {
+            continue;
+        }
+        if let Some((_, stage)) = turns.iter().find(|(r, _)| !about(vector, r)) {
+            return bad(format!(
+                "the rotation of the plane `{name}`{stage} turns it out of the periodic axis {axis}: {instead}, or \
+                 rotate the plane about {axis} or about its normal only"
+            ));
+        }
+    }
+    Ok(())
+}
+
 /// Refuses particles that start inside a surface that is there from the beginning, deeper than the guard
-/// allows; where the guard only warns, they are counted.
-fn check_start(
-    spec: &WorldSpec,
-    set: &crate::spec::ParticleSet,
-    boundaries: &[Boundary],
-    warnings: &mut Vec<String>,
-) -> Result<(), SetupError> {
-    let limit = spec.guards.overlap_limit;
+/// allows; where the guard only warns, they are counted. Returns the warnings.
+fn check_start(c: &Constants, set: &ParticleSet) -> Result<Vec<String>, SetupError> {
+    let guards = &c.spec.guards;
+    let mut warnings = Vec::new();
     let mut near = Vec::new();
-    for b in boundaries {
+    for b in &c.boundaries {
         let BoundaryShape::Mesh(mesh, bvh) = &b.shape else { continue };
-        if b.surface.is_some_and(|s| spec.surfaces[s].absent) {
+        let Some(span) = Span::new(c, bvh, &b.pose) else { continue };
+        if b.surface.is_some_and(|s| c.spec.surfaces[s].absent) {
             continue;
         }
         let mut inside = 0;
         for (id, (&at, &r)) in set.position.iter().zip(&set.radius).enumerate() {
-            let x = b.pose.inverse(at);
-            near.clear();
-            bvh.near(x, (1.0 - limit).max(0.0) * r, &mut near);
-            let touches = |t: &u32| {
-                let vertices =
-                    mesh.triangles[*t as usize].map(|v| crate::lattice::sub(mesh.vertices[v as usize], x));
-                crate::surface::touch(vertices, *t, [0; 3], (1.0 - limit).max(0.0) * r).is_some()
+            let reach = (1.0 - guards.overlap_limit).max(0.0) * r;
+            let touches = |shift: [i32; 3]| {
+                let x = b.pose.inverse(c.shifted(at, shift));
+                near.clear();
+                bvh.near(x, reach, &mut near);
+                near.iter().any(|&t| {
+                    let vertices = mesh.triangles[t as usize].map(|v| sub(mesh.vertices[v as usize], x));
+                    touch(vertices, t, shift, reach).is_some()
+                })
             };
-            if !near.iter().any(touches) {
+            if !span.images(c, at, reach).any(touches) {
                 continue;
             }
-            if spec.guards.overlap_stops {
+            if guards.overlap_stops {
                 let why = format!(
                     "starts inside the surface `{}`, deeper than {:.0} % of its radius; move one of them, or \
                      insert the surface in a later stage",
                     b.name,
-                    100.0 * limit
+                    100.0 * guards.overlap_limit
                 );
                 return Err(SetupError::Particle { id, at, why });
             }
@@ -383,7 +464,7 @@ fn check_start(
             warnings.push(format!("{inside} particles start inside the surface `{}`", b.name));
         }
     }
-    Ok(())
+    Ok(warnings)
 }
 
 /// Surfaces of the specification, then a plane for every side of the domain that is a wall.
@@ -407,14 +488,14 @@ fn boundaries(spec: &WorldSpec) -> Result<Vec<Boundary>, SetupError> {
         if (d.sides[axis][0] == Side::Periodic) != (d.sides[axis][1] == Side::Periodic) {
             return Err(SetupError::Invalid(format!(
                 "the axis {} is periodic on one side only; make both sides periodic or neither",
-                ['x', 'y', 'z'][axis]
+                AXES[axis]
             )));
         }
         // The inward normal of a side is the row of the inverse cell: it is across the two other vectors.
         let columns = [0, 1, 2].map(|k| [d.cell[0][k], d.cell[1][k], d.cell[2][k]]);
-        let across = crate::lattice::cross(columns[(axis + 1) % 3], columns[(axis + 2) % 3]);
-        let sign = crate::lattice::dot(across, columns[axis]).signum();
-        let normal = crate::lattice::scale(across, sign / norm(across));
+        let across = cross(columns[(axis + 1) % 3], columns[(axis + 2) % 3]);
+        let sign = dot(across, columns[axis]).signum();
+        let normal = scale(across, sign / norm(across));
         for side in 0..2 {
             if d.sides[axis][side] != Side::Wall {
                 continue;
@@ -425,10 +506,10 @@ fn boundaries(spec: &WorldSpec) -> Result<Vec<Boundary>, SetupError> {
             let (point, normal) = if side == 0 {
                 (d.origin, normal)
             } else {
-                (crate::lattice::add(d.origin, columns[axis]), crate::lattice::scale(normal, -1.0))
+                (add(d.origin, columns[axis]), scale(normal, -1.0))
             };
             all.push(Boundary {
-                name: format!("domain.{}{}", ['x', 'y', 'z'][axis], ["-", "+"][side]),
+                name: format!("domain.{}{}", AXES[axis], ["-", "+"][side]),
                 material,
                 shape: BoundaryShape::Plane(normal),
                 surface: None,
@@ -441,12 +522,7 @@ fn boundaries(spec: &WorldSpec) -> Result<Vec<Boundary>, SetupError> {
 
 /// Stable-step estimates over the smallest particle of each material against every other and
 /// every boundary material.
-fn step_limits(
-    spec: &WorldSpec,
-    set: &crate::spec::ParticleSet,
-    laws: Laws,
-    pairs: &[PairCoefficients],
-) -> StepLimits {
+fn step_limits(spec: &WorldSpec, set: &ParticleSet, laws: Laws, pairs: &[PairCoefficients]) -> StepLimits {
     let n = spec.materials.len();
     let mut smallest = vec![f64::INFINITY; n];
     for (&r, &m) in set.radius.iter().zip(&set.material) {
@@ -479,7 +555,7 @@ fn step_limits(
 }
 
 /// The largest of present speeds, tool speeds and the speed of a fall through the bed's height.
-fn speed_estimate(spec: &WorldSpec, set: &crate::spec::ParticleSet) -> f64 {
+fn speed_estimate(spec: &WorldSpec, set: &ParticleSet) -> f64 {
     let present = set.velocity.iter().map(|v| norm(*v)).fold(0.0, f64::max);
     let motions = spec
         .surfaces
@@ -496,8 +572,8 @@ fn speed_estimate(spec: &WorldSpec, set: &crate::spec::ParticleSet) -> f64 {
         if let (Some(r), Shape::Mesh(mesh)) = (m.rotation, &spec.surfaces[i].shape) {
             let pose = &spec.surfaces[i].pose;
             let reach = mesh.vertices.iter().map(|x| {
-                let arm = crate::lattice::sub(pose.apply(*x), r.center);
-                norm(crate::lattice::cross(r.axis, arm))
+                let arm = sub(pose.apply(*x), r.center);
+                norm(cross(r.axis, arm))
             });
             v += r.rate.abs() * reach.fold(0.0, f64::max);
         }
@@ -506,7 +582,7 @@ fn speed_estimate(spec: &WorldSpec, set: &crate::spec::ParticleSet) -> f64 {
     let g = norm(spec.gravity);
     let fall = if g > 0.0 && !set.is_empty() {
         // From the highest particle to the lowest corner of the domain.
-        let down = |x: &Vec3| crate::lattice::dot(*x, spec.gravity) / g;
+        let down = |x: &Vec3| dot(*x, spec.gravity) / g;
         let floor = spec.domain.corners().iter().map(down).fold(f64::NEG_INFINITY, f64::max);
         let highest = set.position.iter().map(down).fold(f64::INFINITY, f64::min);
         (2.0 * g * (floor - highest).max(0.0)).sqrt()

@@ -4,6 +4,7 @@ use glebe_physics::kernel64::triangle::{closest_to_origin, foot_of_plane};
 use glebe_physics::kernel64::vector::V3;
 
 use crate::lattice::{add, cross, dot, norm, scale, sub};
+use crate::setup::Constants;
 use crate::spec::{Motion, Pose, TriMesh, Vec3};
 
 impl Pose {
@@ -147,9 +148,12 @@ impl Bvh {
         self.split(boxes, middle, end);
     }
 
-    /// The box around the mesh.
-    pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
-        self.nodes.first().map(|n| (n.min, n.max))
+    /// The corners of the box around the mesh.
+    pub fn corners(&self) -> Option<[Vec3; 8]> {
+        let root = self.nodes.first()?;
+        Some(std::array::from_fn(|corner: usize| {
+            std::array::from_fn(|k| if corner >> k & 1 == 0 { root.min[k] } else { root.max[k] })
+        }))
     }
 
     /// Appends the triangles whose boxes come within `reach` of the body frame point `x`.
@@ -183,6 +187,50 @@ fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
     })
 }
 
+/// The box around a mesh as it stands, in periods of the cell along axes that wrap.
+#[derive(Clone, Copy, Debug)]
+pub struct Span {
+    min: Vec3,
+    max: Vec3,
+}
+
+impl Span {
+    /// The box around the mesh of `bvh` in `pose`; `None` for a mesh without triangles.
+    pub fn new(c: &Constants, bvh: &Bvh, pose: &Pose) -> Option<Self> {
+        let mut span = Self { min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3] };
+        for x in bvh.corners()? {
+            let at = c.periods(sub(pose.apply(x), c.lattice.origin));
+            for k in 0..3 {
+                span.min[k] = span.min[k].min(at[k]);
+                span.max[k] = span.max[k].max(at[k]);
+            }
+        }
+        Some(span)
+    }
+
+    /// Its length along an axis that wraps, in periods.
+    pub fn periods(&self, axis: usize) -> f64 {
+        self.max[axis] - self.min[axis]
+    }
+
+    /// The images of a particle at `x` that come within `reach` \[m\] of the box, in periods along each axis:
+    /// however far the mesh has moved, and however many periods it is long.
+    pub fn images(&self, c: &Constants, x: Vec3, reach: f64) -> impl Iterator<Item = [i32; 3]> + use<> {
+        let at = c.periods(sub(x, c.lattice.origin));
+        let [x, y, z] = [0, 1, 2].map(|k| {
+            if !c.lattice.periodic[k] {
+                return 0..=0;
+            }
+            let reach = reach / (c.lattice.height[k] * f64::from(c.lattice.windows[k]));
+            (self.min[k] - reach - at[k]).ceil() as i32..=(self.max[k] + reach - at[k]).floor() as i32
+        });
+        x.flat_map(move |a| {
+            let z = z.clone();
+            y.clone().flat_map(move |b| z.clone().map(move |c| [a, b, c]))
+        })
+    }
+}
+
 /// A place where a sphere and a surface touch, relative to the sphere's centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
@@ -193,7 +241,7 @@ pub struct SurfacePoint {
     /// Triangle, 0 for a plane.
     pub triangle: u32,
     /// Image of the sphere that touches, in periods along each axis.
-    pub shift: [i8; 3],
+    pub shift: [i32; 3],
     /// 0 face, 1 edge, 2 vertex.
     rank: u8,
 }
@@ -210,7 +258,7 @@ impl SurfacePoint {
 
 /// The point of a triangle closest to a sphere's centre, or `None` beyond `reach`. Vertices are relative
 /// to the centre of the sphere's image `shift`.
-pub fn touch(vertices: [Vec3; 3], triangle: u32, shift: [i8; 3], reach: f64) -> Option<SurfacePoint> {
+pub fn touch(vertices: [Vec3; 3], triangle: u32, shift: [i32; 3], reach: f64) -> Option<SurfacePoint> {
     let [a, b, c] = vertices.map(|v| V3 { x: v[0], y: v[1], z: v[2] });
     let closest = closest_to_origin(a, b, c);
     let p = if closest.feature == 0 { foot_of_plane(a, b, c) } else { closest.point };

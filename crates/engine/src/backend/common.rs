@@ -1,7 +1,7 @@
 //! What every backend says and accounts in the same way.
 
 use crate::failure::Failure;
-use crate::lattice::{Lattice, add, dot, mul, norm, sub};
+use crate::lattice::{Lattice, dot, norm, sub};
 use crate::setup::{Boundary, BoundaryShape, Constants};
 use crate::spec::Vec3;
 use crate::state::{Lost, Progress};
@@ -50,7 +50,7 @@ impl Standing {
         boundary: &Boundary,
         center: Vec3,
         reach: f64,
-        facets: impl Iterator<Item = (u32, [i8; 3])>,
+        facets: impl Iterator<Item = (u32, [i32; 3])>,
         found: &mut Vec<SurfacePoint>,
     ) {
         match &boundary.shape {
@@ -174,20 +174,4 @@ fn failure(c: &Constants, g: &Progress, what: String, cause: &str) -> Failure {
 /// The displacement in one step that is too much \[m\]: what neighbour lists could not see.
 pub fn runaway_distance(c: &Constants) -> f64 {
     2.0 * c.radius_max + c.range
-}
-
-/// Images in which a particle may meet a mesh, in periods along each axis.
-pub fn images(periodic: [bool; 3]) -> impl Iterator<Item = [i8; 3]> {
-    let [x, y, z] = periodic.map(|p| if p { -1..=1_i8 } else { 0..=0 });
-    x.flat_map(move |a| {
-        let z = z.clone();
-        y.clone().flat_map(move |b| z.clone().map(move |c| [a, b, c]))
-    })
-}
-
-impl Constants {
-    /// A position moved by whole periods.
-    pub fn shifted(&self, x: Vec3, shift: [i8; 3]) -> Vec3 {
-        if shift == [0; 3] { x } else { add(x, mul(&self.spec.domain.cell, shift.map(f64::from))) }
-    }
 }

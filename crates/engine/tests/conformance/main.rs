@@ -18,6 +18,7 @@ mod friction;
 mod guards;
 mod laws;
 mod packing;
+mod periodic;
 mod precision;
 mod restitution;
 mod support;
@@ -57,6 +58,7 @@ macro_rules! backend_suite {
                 floor::a_convex_edge_acts_once,
                 floor::concave_corners_act_on_each_side,
                 floor::a_plane_ends_where_it_ends,
+                periodic::a_blade_is_felt_however_far_it_goes,
                 convergence::orders_of_the_integrators,
                 precision::creep_is_not_lost,
                 precision::resting_overlap,

@@ -10,11 +10,11 @@
 
 use rayon::prelude::*;
 
-use super::super::common::images;
 use crate::lattice::{Lattice, dot, sub};
 use crate::setup::{BoundaryShape, Constants, LEVEL_RATIO, MEMORY};
 use crate::spec::{Pose, Vec3};
 use crate::state::{ContactMemory, Particles, Progress, SurfaceMemory};
+use crate::surface::Span;
 
 /// Particles per block: the unit of parallel work. Fixed, so that results do not depend on threads.
 pub const BLOCK: usize = 256;
@@ -68,7 +68,7 @@ pub struct Facet {
     /// Triangle.
     pub triangle: u32,
     /// Image of the particle that is near, in periods along each axis.
-    pub shift: [i8; 3],
+    pub shift: [i32; 3],
 }
 
 /// A contact with a surface.
@@ -319,6 +319,11 @@ impl Search<'_> {
     fn surfaces(&self, block: &mut Block, boundaries: &[Option<Pose>]) {
         let count = block.start.len() - 1;
         let mut near = Vec::new();
+        let span = |(b, pose): (usize, &Option<Pose>)| match &self.c.boundaries[b].shape {
+            BoundaryShape::Mesh(_, bvh) => Span::new(self.c, bvh, pose.as_ref()?),
+            BoundaryShape::Plane(_) => None,
+        };
+        let spans: Vec<Option<Span>> = boundaries.iter().enumerate().map(span).collect();
         for local in 0..count {
             let i = block.first + local;
             let at = self.c.lattice.decode(self.p.hi_ref[i], self.p.lo_ref[i], [0.0; 3]);
@@ -334,7 +339,7 @@ impl Search<'_> {
                     }
                     BoundaryShape::Mesh(mesh, bvh) => {
                         let begin = block.facets.len();
-                        for shift in images(self.c.lattice.periodic) {
+                        for shift in spans[b].iter().flat_map(|span| span.images(self.c, at, reach)) {
                             near.clear();
                             let x = pose.inverse(self.c.shifted(at, shift));
                             bvh.near(x, reach, &mut near);

@@ -257,10 +257,8 @@ impl CpuWorld {
             // A rigid body strays most at a corner of its box; a plane at a corner of the domain, to which its
             // part of the world is confined.
             let corners: [crate::spec::Vec3; 8] = match &boundary.shape {
-                BoundaryShape::Mesh(_, bvh) => match bvh.bounds() {
-                    Some((lo, hi)) => std::array::from_fn(|corner: usize| {
-                        std::array::from_fn(|k| if corner >> k & 1 == 0 { lo[k] } else { hi[k] })
-                    }),
+                BoundaryShape::Mesh(_, bvh) => match bvh.corners() {
+                    Some(corners) => corners,
                     None => return false,
                 },
                 BoundaryShape::Plane(_) => self.c.spec.domain.corners().map(|x| reference.inverse(x)),

@@ -18,16 +18,14 @@ use glebe_physics::kernel64::vector::{V3, cross, dot, minus, plus, scaled};
 
 use self::contact::{Meeting, Pull};
 use self::motion::{Motion, Moved};
-use super::common::{
-    Portrait, Standing, images, outside, overlap_failure, quoted, runaway_failure, too_deep,
-};
+use super::common::{Portrait, Standing, outside, overlap_failure, quoted, runaway_failure, too_deep};
 use super::{Detail, Fleet, Job, Moment, PhaseTimes};
 use crate::failure::Failure;
-use crate::lattice::{UNITS, add, mul, norm, sub};
+use crate::lattice::{add, mul, norm, sub};
 use crate::setup::{BoundaryShape, Constants};
 use crate::spec::Vec3;
 use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
-use crate::surface::{SurfacePoint, physical_contacts};
+use crate::surface::{Span, SurfacePoint, physical_contacts};
 
 /// Worlds computed by the reference.
 pub struct ReferenceFleet {
@@ -344,40 +342,30 @@ impl World {
     /// From the centre of `a` to that of the nearest image of `b` \[m\].
     fn between(&self, a: &Body, b: &Body) -> Vec3 {
         let d = add(sub(b.home, a.home), sub(b.moved, a.moved));
-        let turns = self.periods(d).map(f64::round);
+        let turns = self.c.periods(d).map(f64::round);
         sub(d, mul(&self.c.spec.domain.cell, turns))
-    }
-
-    /// A difference of places in periods of the cell; 0 along axes that do not wrap.
-    fn periods(&self, d: Vec3) -> Vec3 {
-        let l = &self.c.lattice;
-        let units = mul(&l.inverse, d);
-        [0, 1, 2].map(|k| if l.periodic[k] { units[k] / (f64::from(l.windows[k]) * UNITS) } else { 0.0 })
     }
 
     /// The physical contacts of a particle, all its images together, with a boundary.
     fn surface_points(&self, b: &Body, boundary: usize) -> Vec<SurfacePoint> {
-        let shape = &self.c.boundaries[boundary];
-        let triangles = match &shape.shape {
-            BoundaryShape::Plane(_) => 0,
-            BoundaryShape::Mesh(mesh, _) => mesh.triangles.len() as u32,
-        };
-        let mut points = Vec::new();
-        for shift in images(self.c.lattice.periodic) {
-            let facets = (0..triangles).map(|t| (t, shift));
-            // A plane has no end, and no image.
-            if shift == [0; 3] || triangles > 0 {
-                let reach = b.radius + self.c.range;
-                self.standing[boundary].touches(&self.c, shape, self.inside(b), reach, facets, &mut points);
+        let (shape, standing) = (&self.c.boundaries[boundary], &self.standing[boundary]);
+        let (center, reach) = (self.inside(b), b.radius + self.c.range);
+        let mut facets = Vec::new();
+        if let BoundaryShape::Mesh(mesh, bvh) = &shape.shape {
+            let span = Span::new(&self.c, bvh, &standing.placed.pose);
+            for shift in span.iter().flat_map(|span| span.images(&self.c, center, reach)) {
+                facets.extend((0..mesh.triangles.len() as u32).map(|t| (t, shift)));
             }
         }
+        let mut points = Vec::new();
+        standing.touches(&self.c, shape, center, reach, facets.into_iter(), &mut points);
         physical_contacts(&mut points, b.radius);
         points
     }
 
     /// The centre of a particle's image inside the cell \[m\].
     fn inside(&self, b: &Body) -> Vec3 {
-        let turns = self.periods(sub(b.x(), self.c.lattice.origin)).map(f64::floor);
+        let turns = self.c.periods(sub(b.x(), self.c.lattice.origin)).map(f64::floor);
         sub(b.x(), mul(&self.c.spec.domain.cell, turns))
     }
 
