@@ -112,12 +112,17 @@ impl Constants {
     pub fn shifted(&self, x: Vec3, shift: [i32; 3]) -> Vec3 {
         if shift == [0; 3] { x } else { add(x, mul(&self.spec.domain.cell, shift.map(f64::from))) }
     }
-
-    /// A difference of places in periods of the cell; 0 along axes that do not wrap.
+    /// A difference of places in periods of the cell, 0 along axes that do not wrap.
     pub fn periods(&self, d: Vec3) -> Vec3 {
         let l = &self.lattice;
         let units = mul(&l.inverse, d);
         [0, 1, 2].map(|k| if l.periodic[k] { units[k] / (f64::from(l.windows[k]) * UNITS) } else { 0.0 })
+    }
+    /// What gravity does on a unit of mass over a period of each axis, 0 along axes that do not wrap \[J/kg\]: so
+    /// much potential energy a particle gains at once that falls through a seam, as the work of the seam.
+    pub fn fall(&self) -> Vec3 {
+        let along = |k: usize| dot(self.spec.gravity, self.spec.domain.cell.map(|row| row[k]));
+        [0, 1, 2].map(|k| if self.lattice.periodic[k] { along(k) } else { 0.0 })
     }
     /// Longest reach of a neighbour list \[m\].
     pub fn cutoff(&self) -> f64 {

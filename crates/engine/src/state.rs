@@ -184,7 +184,8 @@ pub struct Ledger {
     /// Lost because the stiffness of a stretched tangential spring changed (Mindlin's spring is not
     /// conservative); negative where it gained.
     pub stiffness_change: f64,
-    /// Work done on the particles by moving surfaces.
+    /// Work done on the particles by moving surfaces, and by the seams of periodic axes that gravity has a part
+    /// along: a particle that falls through re-enters as high as it began.
     pub work: f64,
     /// Energy taken out with particles that were removed or lost.
     pub removed: f64,

@@ -59,6 +59,7 @@ macro_rules! backend_suite {
                 floor::concave_corners_act_on_each_side,
                 floor::a_plane_ends_where_it_ends,
                 periodic::a_blade_is_felt_however_far_it_goes,
+                periodic::the_ledger_closes_through_seams,
                 convergence::orders_of_the_integrators,
                 precision::creep_is_not_lost,
                 precision::resting_overlap,

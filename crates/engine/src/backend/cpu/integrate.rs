@@ -51,6 +51,8 @@ pub struct Step {
     pub unit: [[f32; 3]; 3],
     /// Windows along each periodic axis, 0 where the axis is open.
     pub wrap: [i32; 3],
+    /// What gravity does over a period of each axis that wraps \[J/kg\].
+    pub fall: [f64; 3],
     /// Square of the displacement in one step that is too much \[m²\].
     pub runaway: f32,
 }
@@ -67,6 +69,7 @@ impl Step {
             inverse: f(c.lattice.inverse),
             unit: f(c.lattice.unit),
             wrap: [0, 1, 2].map(|k| if c.lattice.periodic[k] { c.lattice.windows[k] as i32 } else { 0 }),
+            fall: c.fall(),
             runaway: (far * far) as f32,
         }
     }
@@ -79,6 +82,8 @@ pub struct Moved {
     pub displacement: f32,
     /// Lowest particle that moved too far in one step, or is not a number.
     pub runaway: Option<u32>,
+    /// Work of seams on particles that crossed them \[J\].
+    pub lifted: f64,
     /// Lost to local damping \[J\].
     pub damped: f64,
     /// Dissipating forces times changes of velocity \[W\].
@@ -265,7 +270,12 @@ fn displace(c: &mut Columns<'_>, s: &Step, i: usize, dx: [f32; 3], moved: &mut M
         let carry = (lo >> 32) as i32;
         if carry != 0 {
             let hi = c.hi[i][k] + carry;
-            c.hi[i][k] = if s.wrap[k] > 0 { hi.rem_euclid(s.wrap[k]) } else { hi };
+            c.hi[i][k] = hi;
+            if s.wrap[k] > 0 {
+                c.hi[i][k] = hi.rem_euclid(s.wrap[k]);
+                let turns = (hi - c.hi[i][k]) / s.wrap[k];
+                moved.lifted += f64::from(turns) * s.fall[k] / f64::from(c.velocity[i].inv_mass);
+            }
         }
         away[k] = c.place[i].lo[k].wrapping_sub(c.lo_ref[i][k]) as i32 as f32;
     }

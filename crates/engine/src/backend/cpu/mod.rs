@@ -295,7 +295,7 @@ impl CpuWorld {
                 self.forces(Purpose::Prime);
                 self.prime();
             }
-            let moved = self.motion(kind, true, !g.primed);
+            let moved = self.motion(g, kind, true);
             self.check(g, moved)?;
             // The force belongs to the end of the step, for surfaces too.
             g.step += 1;
@@ -309,7 +309,7 @@ impl CpuWorld {
         self.times.surfaces += clock.lap();
         self.forces(Purpose::Step);
         self.times.forces += clock.lap();
-        let moved = self.motion(kind, false, !g.primed);
+        let moved = self.motion(g, kind, false);
         self.times.integration += clock.lap();
         self.account(g, split, moved);
         self.times.ledger += clock.lap();
@@ -345,8 +345,10 @@ impl CpuWorld {
     }
 
     /// Moves all particles, ahead of or with the force.
-    fn motion(&mut self, kind: IntegratorKind, ahead: bool, first: bool) -> Moved {
-        visit(kind, Motion { world: self, ahead, first })
+    fn motion(&mut self, g: &mut Progress, kind: IntegratorKind, ahead: bool) -> Moved {
+        let moved = visit(kind, Motion { world: self, ahead, first: !g.primed });
+        g.ledger.work += moved.lifted;
+        moved
     }
 
     /// Dissipation, surface forces and work of the step.
@@ -641,6 +643,7 @@ impl Visitor for Motion<'_> {
         w.moved.iter().fold(Moved::default(), |all, m| Moved {
             displacement: all.displacement.max(m.displacement),
             runaway: all.runaway.or(m.runaway),
+            lifted: all.lifted + m.lifted,
             damped: all.damped + m.damped,
             drain: all.drain + m.drain,
         })

@@ -97,20 +97,31 @@ struct Body {
 }
 
 impl Body {
+    /// Where it has gone, seams not minded.
     fn x(&self) -> Vec3 {
         add(self.home, self.moved)
+    }
+
+    /// How many periods away that is from the cell.
+    fn turns(&self, c: &Constants) -> Vec3 {
+        c.periods(sub(self.x(), c.lattice.origin)).map(f64::floor)
+    }
+
+    /// The centre of its image inside the cell \[m\].
+    fn inside(&self, c: &Constants) -> Vec3 {
+        sub(self.x(), mul(&c.spec.domain.cell, self.turns(c)))
     }
 
     fn inv_inertia(&self) -> f64 {
         2.5 * self.inv_mass / (self.radius * self.radius)
     }
 
-    fn portrait(&self) -> Portrait {
+    fn portrait(&self, c: &Constants) -> Portrait {
         Portrait {
             id: self.id,
             mass: 1.0 / self.inv_mass,
             radius: self.radius,
-            x: self.x(),
+            x: self.inside(c),
             v: array(self.v),
             w: array(self.w),
         }
@@ -229,14 +240,14 @@ impl World {
                 self.stand(g);
                 self.prime();
             }
-            let moved = self.motion(kind, None, !g.primed);
+            let moved = self.motion(g, kind, None);
             self.check(g, &moved)?;
             // The force belongs to the end of the step, for surfaces too.
             g.step += 1;
         }
         self.stand(g);
         let contacts = self.contacts_of_step(c.dt);
-        let moved = self.motion(kind, Some(&self.sums(&contacts)), !g.primed);
+        let moved = self.motion(g, kind, Some(&self.sums(&contacts)));
         self.account(g, &contacts, &moved, split);
         self.guard(g, &contacts)?;
         self.check(g, &moved)?;
@@ -349,7 +360,7 @@ impl World {
     /// The physical contacts of a particle, all its images together, with a boundary.
     fn surface_points(&self, b: &Body, boundary: usize) -> Vec<SurfacePoint> {
         let (shape, standing) = (&self.c.boundaries[boundary], &self.standing[boundary]);
-        let (center, reach) = (self.inside(b), b.radius + self.c.range);
+        let (center, reach) = (b.inside(&self.c), b.radius + self.c.range);
         let mut facets = Vec::new();
         if let BoundaryShape::Mesh(mesh, bvh) = &shape.shape {
             let span = Span::new(&self.c, bvh, &standing.placed.pose);
@@ -363,16 +374,10 @@ impl World {
         points
     }
 
-    /// The centre of a particle's image inside the cell \[m\].
-    fn inside(&self, b: &Body) -> Vec3 {
-        let turns = self.c.periods(sub(b.x(), self.c.lattice.origin)).map(f64::floor);
-        sub(b.x(), mul(&self.c.spec.domain.cell, turns))
-    }
-
     /// The contact of `b` with a boundary, and the contact point from the origin of the boundary's frame.
     fn on_surface(&self, b: &Body, boundary: usize, p: &SurfacePoint) -> (Meeting, V3) {
         let placed = &self.standing[boundary].placed;
-        let center = self.c.shifted(self.inside(b), p.shift);
+        let center = self.c.shifted(b.inside(&self.c), p.shift);
         let n = v3(p.n);
         let arm = plus(v3(sub(center, placed.pose.translation)), scaled(n, p.distance));
         let spin = v3(placed.spin);
@@ -409,9 +414,12 @@ impl World {
     }
 
     /// Moves all particles: with the force, or ahead of it.
-    fn motion(&mut self, kind: IntegratorKind, sums: Option<&[[V3; 2]]>, first: bool) -> Moved {
+    fn motion(&mut self, g: &mut Progress, kind: IntegratorKind, sums: Option<&[[V3; 2]]>) -> Moved {
         let c = self.c.clone();
-        integrate::visit(kind, Motion { c: &c, bodies: &mut self.bodies, sums, first })
+        let moved =
+            integrate::visit(kind, Motion { c: &c, bodies: &mut self.bodies, sums, first: !g.primed });
+        g.ledger.work += moved.lifted;
+        moved
     }
 
     /// Dissipation, surface forces and work of the step.
@@ -473,7 +481,9 @@ impl World {
     fn check(&self, g: &Progress, moved: &Moved) -> Result<(), Failure> {
         match moved.runaway {
             None => Ok(()),
-            Some(i) => Err(runaway_failure(&self.c, g, &self.describe(i), self.bodies[i].portrait().v)),
+            Some(i) => {
+                Err(runaway_failure(&self.c, g, &self.describe(i), self.bodies[i].portrait(&self.c).v))
+            }
         }
     }
 
@@ -483,7 +493,7 @@ impl World {
         let mut touching: Vec<String> =
             pairs.map(|id| if id[0] == b.id { id[1] } else { id[0] }.to_string()).collect();
         touching.extend(self.surfaces.keys().filter(|k| k.0 == b.id).map(|k| quoted(&self.c, k.1)));
-        b.portrait().describe(touching)
+        b.portrait(&self.c).describe(touching)
     }
 
     /// Takes out and lists the particles outside the domain.
@@ -493,7 +503,7 @@ impl World {
         self.bodies.retain(|b| {
             let e = c.lattice.encode(b.x());
             let side = outside(&c.lattice, e.hi, e.lo);
-            left.extend(side.map(|side| (b.portrait(), side)));
+            left.extend(side.map(|side| (b.portrait(&c), side)));
             side.is_none()
         });
         left.sort_unstable_by_key(|(p, _)| p.id);
@@ -517,7 +527,7 @@ impl World {
             }
         }
         for b in &self.bodies {
-            let p = b.portrait();
+            let p = b.portrait(&self.c);
             let e = p.energy(&self.c);
             m.translation += e[0];
             m.rotation += e[1];

@@ -5,7 +5,7 @@ use glebe_physics::kernel64::vector::{V3, dot, minus, plus, scaled};
 
 use super::{Body, array, v3};
 use crate::backend::common::runaway_distance;
-use crate::lattice::{add, norm};
+use crate::lattice::{add, norm, sub};
 use crate::setup::Constants;
 use crate::spec::Vec3;
 
@@ -15,6 +15,8 @@ pub struct Moved {
     pub before: Vec<(V3, V3)>,
     /// Lowest particle that moved too far, or is not a number.
     pub runaway: Option<usize>,
+    /// Work of seams on particles that crossed them \[J\].
+    pub lifted: f64,
     /// Lost to local damping \[J\].
     pub damped: f64,
 }
@@ -35,9 +37,9 @@ impl Visitor for Motion<'_> {
     type Output = Moved;
 
     fn visit<S: Scheme>(self) -> Moved {
-        let dt = self.c.dt;
+        let (dt, fall) = (self.c.dt, v3(self.c.fall()));
         let before = self.bodies.iter().map(|b| (b.v, b.w)).collect();
-        let mut moved = Moved { before, runaway: None, damped: 0.0 };
+        let mut moved = Moved { before, runaway: None, lifted: 0.0, damped: 0.0 };
         for (i, b) in self.bodies.iter_mut().enumerate() {
             let dx = match self.sums {
                 None => ahead::<S>(b, dt),
@@ -46,7 +48,9 @@ impl Visitor for Motion<'_> {
             let far = runaway_distance(self.c);
             // Not a number fails the comparison too.
             if norm(dx) <= far {
+                let before = b.turns(self.c);
                 b.moved = add(b.moved, dx);
+                moved.lifted += dot(v3(sub(b.turns(self.c), before)), fall) / b.inv_mass;
             } else {
                 moved.runaway.get_or_insert(i);
             }
