@@ -5,6 +5,7 @@ pub mod cpu;
 pub mod reference;
 
 mod common;
+mod worlds;
 
 use std::sync::Arc;
 

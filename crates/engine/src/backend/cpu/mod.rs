@@ -25,7 +25,8 @@ use self::integrate::{Columns, Contacts, Moved, Step, advance};
 use self::lanes::Pair;
 use self::list::{BLOCK, Block, Incoming, Memory, Pull};
 use super::common::{Portrait, Standing, outside, overlap_failure, quoted, runaway_failure, too_deep};
-use super::{Detail, Fleet, Job, Moment, PhaseTimes};
+use super::worlds::{World, Worlds};
+use super::{Detail, Moment, PhaseTimes};
 use crate::failure::Failure;
 use crate::lattice::{norm, sub};
 use crate::setup::{BoundaryShape, Constants, SKIN_MAX, SKIN_MIN};
@@ -37,54 +38,10 @@ thread_local! {
 }
 
 /// Worlds on the CPU. They run side by side, and large ones also on several threads inside.
-pub struct CpuFleet {
-    worlds: Vec<CpuWorld>,
-}
+pub type CpuFleet = Worlds<CpuWorld>;
 
-impl CpuFleet {
-    /// Takes worlds in.
-    pub fn new(worlds: Vec<(Arc<Constants>, &mut State)>) -> Self {
-        Self { worlds: worlds.into_iter().map(|(c, s)| CpuWorld::new(c, s)).collect() }
-    }
-}
-
-impl Fleet for CpuFleet {
-    fn advance(&mut self, jobs: &mut [Job<'_>]) {
-        let mut worlds: Vec<Option<&mut CpuWorld>> = self.worlds.iter_mut().map(Some).collect();
-        let paired: Vec<_> = jobs.iter_mut().filter_map(|j| Some((worlds[j.world].take()?, j))).collect();
-        paired.into_par_iter().for_each(|(world, job)| {
-            job.outcome = (0..job.steps).try_for_each(|_| world.step(job.progress));
-        });
-    }
-
-    fn observe(&mut self, world: usize, progress: &Progress) -> Moment {
-        self.worlds[world].observe(progress)
-    }
-
-    fn detail(&mut self, world: usize, progress: &Progress) -> Detail {
-        self.worlds[world].detail(progress)
-    }
-
-    fn state(&self, world: usize, progress: &Progress) -> State {
-        let w = &self.worlds[world];
-        let (contacts, surface_contacts) = list::memories(&w.c, &w.p, &w.blocks);
-        State { particles: w.p.clone(), contacts, surface_contacts, progress: progress.clone() }
-    }
-
-    fn load(&mut self, world: usize, state: &mut State) {
-        self.worlds[world].load(state);
-    }
-
-    fn times(&self, world: usize) -> PhaseTimes {
-        self.worlds[world].times
-    }
-
-    fn bytes_per_particle(&self, world: usize) -> f64 {
-        self.worlds[world].bytes() as f64 / self.worlds[world].p.len().max(1) as f64
-    }
-}
-
-struct CpuWorld {
+/// A world on the CPU.
+pub struct CpuWorld {
     c: Arc<Constants>,
     p: Particles,
     blocks: Vec<Block>,
@@ -103,7 +60,7 @@ struct CpuWorld {
     times: PhaseTimes,
 }
 
-impl CpuWorld {
+impl World for CpuWorld {
     fn new(c: Arc<Constants>, state: &mut State) -> Self {
         let mut world = Self {
             pairs: c.pairs.iter().map(Pair::new).collect(),
@@ -125,36 +82,160 @@ impl CpuWorld {
         world
     }
 
+    fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
+        let kind = self.c.spec.time.integrator;
+        let split = kind == IntegratorKind::VelocityVerlet;
+        let mut clock = Clock(Instant::now());
+        if split {
+            if !g.primed {
+                self.stand(g);
+                self.forces(Purpose::Prime);
+                self.prime();
+            }
+            let moved = self.motion(g, kind, true);
+            self.check(g, moved)?;
+            // The force belongs to the end of the step, for surfaces too.
+            g.step += 1;
+            self.times.integration += clock.lap();
+            if self.strayed(g, moved) {
+                self.rebuild(g);
+                clock.lap();
+            }
+        }
+        self.stand(g);
+        self.times.surfaces += clock.lap();
+        self.forces(Purpose::Step);
+        self.times.forces += clock.lap();
+        let moved = self.motion(g, kind, false);
+        self.times.integration += clock.lap();
+        self.account(g, split, moved);
+        self.times.ledger += clock.lap();
+        self.guard(g)?;
+        self.check(g, moved)?;
+        g.primed = true;
+        g.step += u64::from(!split);
+        let stale = self.strayed(g, moved);
+        self.times.surfaces += clock.lap();
+        if stale {
+            self.rebuild(g);
+        }
+        Ok(())
+    }
+
+    fn observe(&mut self, g: &Progress) -> Moment {
+        let mut m = Moment::default();
+        for f in self.look(g) {
+            m.elastic_normal += f.energy_normal;
+            m.elastic_tangential += f.energy_before;
+            m.contacts += f.contacts[0];
+            m.surface_contacts += f.contacts[1];
+            m.overlap = m.overlap.max(f64::from(f.worst.0));
+        }
+        let sums: Vec<[f64; 4]> = (0..self.blocks.len())
+            .into_par_iter()
+            .map(|b| {
+                let mut s = [0.0; 4];
+                for i in b * BLOCK..((b + 1) * BLOCK).min(self.p.len()) {
+                    let p = self.portrait(i);
+                    let e = p.energy(&self.c);
+                    (0..3).for_each(|k| s[k] += e[k]);
+                    s[3] = f64::max(s[3], norm(p.v));
+                }
+                s
+            })
+            .collect();
+        for s in sums {
+            m.translation += s[0];
+            m.rotation += s[1];
+            m.potential += s[2];
+            m.speed = m.speed.max(s[3]);
+        }
+        m
+    }
+
+    fn detail(&mut self, g: &Progress) -> Detail {
+        let found = self.look(g);
+        let mut d = Detail { coordination: vec![0; self.p.len()], ..Detail::default() };
+        for s in 0..self.c.spec.surfaces.len() {
+            let triangles = match &self.c.boundaries[s].shape {
+                BoundaryShape::Mesh(mesh, _) => mesh.triangles.len(),
+                BoundaryShape::Plane(_) => 1,
+            };
+            d.on_triangles.push(vec![[0.0; 3]; triangles]);
+        }
+        for (block, f) in self.blocks.iter().zip(&found) {
+            for &(i, j, force) in &f.pairs {
+                d.coordination[i as usize] += 1;
+                d.coordination[j as usize] += 1;
+                d.network.push(([self.p.id[i as usize], self.p.id[j as usize]], force));
+            }
+            for pull in &f.surface {
+                d.coordination[block.first + pull.local as usize] += 1;
+                if let Some(s) = self.c.boundaries[pull.boundary as usize].surface {
+                    for k in 0..3 {
+                        d.on_triangles[s][pull.triangle as usize][k] -= f64::from(pull.force[k]);
+                    }
+                }
+            }
+        }
+        d
+    }
+
+    fn state(&self, g: &Progress) -> State {
+        let (contacts, surface_contacts) = list::memories(&self.c, &self.p, &self.blocks);
+        State { particles: self.p.clone(), contacts, surface_contacts, progress: g.clone() }
+    }
+
     fn load(&mut self, state: &mut State) {
         self.p = state.particles.clone();
         let g = &mut state.progress;
-        let memory = Memory::Stored(&state.contacts, &state.surface_contacts);
         if g.stale {
-            self.reorder(g);
             self.refer(g);
             g.stale = false;
-            g.rebuilt = g.step;
-            g.rebuilds += 1;
         }
-        self.blocks = list::build(&self.c, &self.p, g, &self.reference_poses(g), &memory);
-        self.prepare_buffers();
+        self.list(g, &Memory::Stored(&state.contacts, &state.surface_contacts));
     }
 
-    /// Puts the particles in the order of lists; returns the old index of each.
-    fn reorder(&mut self, g: &Progress) -> Vec<u32> {
+    fn times(&self) -> PhaseTimes {
+        self.times
+    }
+
+    fn bytes(&self) -> (usize, usize) {
+        let per_particle = size_of::<crate::state::Place>()
+            + 2 * (size_of::<Velocity>() + size_of::<Spin>())
+            + 6 * size_of::<[f32; 3]>()
+            + size_of::<[u32; 3]>()
+            + size_of::<u32>() * 2;
+        let lists: usize = self
+            .blocks
+            .iter()
+            .map(|b| {
+                b.partner.capacity() * (4 + size_of::<list::Pull>() + 1)
+                    + b.history.capacity() * 4
+                    + b.start.capacity() * 4
+            })
+            .sum();
+        let pulls = (self.pull.capacity() + self.drain.capacity()) * size_of::<Pull>();
+        let bytes = self.p.len() * per_particle + lists + pulls + self.incoming.entry.len() * 4;
+        (bytes, self.p.len())
+    }
+}
+
+impl CpuWorld {
+    /// Puts the particles in the order of lists and makes the present configuration their reference; returns the
+    /// old index of each particle.
+    fn refer(&mut self, g: &mut Progress) -> Vec<u32> {
         let order = list::order(&self.c, &self.p, g.skin);
         self.p.reorder(&order);
-        order
-    }
-
-    /// Makes the present configuration the reference of lists.
-    fn refer(&mut self, g: &mut Progress) {
         self.p.hi_ref.clone_from(&self.p.hi);
         self.p.lo_ref.clear();
         self.p.lo_ref.extend(self.p.place.iter().map(|p| p.lo));
         for (s, surface) in g.surfaces.clone().into_iter().enumerate() {
             g.surfaces[s].reference = surface.placed(&self.c, s, g).pose;
         }
+        g.rebuilt = g.step;
+        g.rebuilds += 1;
+        order
     }
 
     fn reference_poses(&self, g: &Progress) -> Vec<Option<Pose>> {
@@ -165,7 +246,9 @@ impl CpuWorld {
         self.c.boundaries.iter().map(pose).collect()
     }
 
-    fn prepare_buffers(&mut self) {
+    /// Builds the lists of the reference configuration, and room for what they find.
+    fn list(&mut self, g: &Progress, memory: &Memory<'_>) {
+        self.blocks = list::build(&self.c, &self.p, g, &self.reference_poses(g), memory);
         self.incoming = list::incoming(&self.blocks, self.p.len());
         self.pull.clear();
         self.pull.resize(self.incoming.entry.len(), Pull::default());
@@ -197,14 +280,9 @@ impl CpuWorld {
             let mut at = keep.iter();
             old.retain(|_| *at.next().unwrap_or(&true));
         }
-        let order = self.reorder(g);
-        let old: Vec<u32> = order.iter().map(|&k| old[k as usize]).collect();
-        self.refer(g);
-        let memory = Memory::Lists(&self.blocks, &old);
-        self.blocks = list::build(&self.c, &self.p, g, &self.reference_poses(g), &memory);
-        self.prepare_buffers();
-        g.rebuilt = g.step;
-        g.rebuilds += 1;
+        let old: Vec<u32> = self.refer(g).into_iter().map(|k| old[k as usize]).collect();
+        let blocks = std::mem::take(&mut self.blocks);
+        self.list(g, &Memory::Lists(&blocks, &old));
         self.times.lists += began.elapsed().as_secs_f64();
     }
 
@@ -283,46 +361,6 @@ impl CpuWorld {
     fn forces(&mut self, purpose: Purpose) {
         let phase = Self::phase(&self.c, &self.pairs, &self.p, &self.standing, purpose);
         each(&phase, &mut self.blocks, [&mut self.pull, &mut self.drain], &mut self.found);
-    }
-
-    fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
-        let kind = self.c.spec.time.integrator;
-        let split = kind == IntegratorKind::VelocityVerlet;
-        let mut clock = Clock(Instant::now());
-        if split {
-            if !g.primed {
-                self.stand(g);
-                self.forces(Purpose::Prime);
-                self.prime();
-            }
-            let moved = self.motion(g, kind, true);
-            self.check(g, moved)?;
-            // The force belongs to the end of the step, for surfaces too.
-            g.step += 1;
-            self.times.integration += clock.lap();
-            if self.strayed(g, moved) {
-                self.rebuild(g);
-                clock.lap();
-            }
-        }
-        self.stand(g);
-        self.times.surfaces += clock.lap();
-        self.forces(Purpose::Step);
-        self.times.forces += clock.lap();
-        let moved = self.motion(g, kind, false);
-        self.times.integration += clock.lap();
-        self.account(g, split, moved);
-        self.times.ledger += clock.lap();
-        self.guard(g)?;
-        self.check(g, moved)?;
-        g.primed = true;
-        g.step += u64::from(!split);
-        let stale = self.strayed(g, moved);
-        self.times.surfaces += clock.lap();
-        if stale {
-            self.rebuild(g);
-        }
-        Ok(())
     }
 
     /// Accelerations of the present configuration, without a step.
@@ -443,85 +481,6 @@ impl CpuWorld {
         found.resize_with(self.blocks.len(), Found::default);
         each(&phase, &mut self.blocks, [&mut self.pull, &mut self.drain], &mut found);
         found
-    }
-
-    fn observe(&mut self, g: &Progress) -> Moment {
-        let mut m = Moment::default();
-        for f in self.look(g) {
-            m.elastic_normal += f.energy_normal;
-            m.elastic_tangential += f.energy_before;
-            m.contacts += f.contacts[0];
-            m.surface_contacts += f.contacts[1];
-            m.overlap = m.overlap.max(f64::from(f.worst.0));
-        }
-        let sums: Vec<[f64; 4]> = (0..self.blocks.len())
-            .into_par_iter()
-            .map(|b| {
-                let mut s = [0.0; 4];
-                for i in b * BLOCK..((b + 1) * BLOCK).min(self.p.len()) {
-                    let p = self.portrait(i);
-                    let e = p.energy(&self.c);
-                    (0..3).for_each(|k| s[k] += e[k]);
-                    s[3] = f64::max(s[3], norm(p.v));
-                }
-                s
-            })
-            .collect();
-        for s in sums {
-            m.translation += s[0];
-            m.rotation += s[1];
-            m.potential += s[2];
-            m.speed = m.speed.max(s[3]);
-        }
-        m
-    }
-
-    fn detail(&mut self, g: &Progress) -> Detail {
-        let found = self.look(g);
-        let mut d = Detail { coordination: vec![0; self.p.len()], ..Detail::default() };
-        for s in 0..self.c.spec.surfaces.len() {
-            let triangles = match &self.c.boundaries[s].shape {
-                BoundaryShape::Mesh(mesh, _) => mesh.triangles.len(),
-                BoundaryShape::Plane(_) => 1,
-            };
-            d.on_triangles.push(vec![[0.0; 3]; triangles]);
-        }
-        for (block, f) in self.blocks.iter().zip(&found) {
-            for &(i, j, force) in &f.pairs {
-                d.coordination[i as usize] += 1;
-                d.coordination[j as usize] += 1;
-                d.network.push(([self.p.id[i as usize], self.p.id[j as usize]], force));
-            }
-            for pull in &f.surface {
-                d.coordination[block.first + pull.local as usize] += 1;
-                if let Some(s) = self.c.boundaries[pull.boundary as usize].surface {
-                    for k in 0..3 {
-                        d.on_triangles[s][pull.triangle as usize][k] -= f64::from(pull.force[k]);
-                    }
-                }
-            }
-        }
-        d
-    }
-
-    /// Bytes held for this world's particles and contacts.
-    fn bytes(&self) -> usize {
-        let per_particle = size_of::<crate::state::Place>()
-            + 2 * (size_of::<Velocity>() + size_of::<Spin>())
-            + 6 * size_of::<[f32; 3]>()
-            + size_of::<[u32; 3]>()
-            + size_of::<u32>() * 2;
-        let lists: usize = self
-            .blocks
-            .iter()
-            .map(|b| {
-                b.partner.capacity() * (4 + size_of::<list::Pull>() + 1)
-                    + b.history.capacity() * 4
-                    + b.start.capacity() * 4
-            })
-            .sum();
-        let pulls = (self.pull.capacity() + self.drain.capacity()) * size_of::<Pull>();
-        self.p.len() * per_particle + lists + pulls + self.incoming.entry.len() * 4
     }
 }
 

@@ -19,63 +19,14 @@ use glebe_physics::kernel64::vector::{V3, cross, dot, minus, plus, scaled};
 use self::contact::{Meeting, Pull};
 use self::motion::{Motion, Moved};
 use super::common::{Portrait, Standing, outside, overlap_failure, quoted, runaway_failure, too_deep};
-use super::{Detail, Fleet, Job, Moment, PhaseTimes};
+use super::worlds::{World, Worlds};
+use super::{Detail, Moment};
 use crate::failure::Failure;
 use crate::lattice::{add, mul, norm, sub};
 use crate::setup::{BoundaryShape, Constants};
 use crate::spec::Vec3;
 use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
 use crate::surface::{Span, SurfacePoint, physical_contacts};
-
-/// Worlds computed by the reference.
-pub struct ReferenceFleet {
-    worlds: Vec<World>,
-}
-
-impl ReferenceFleet {
-    /// Takes worlds in.
-    pub fn new(worlds: Vec<(Arc<Constants>, &mut State)>) -> Self {
-        Self { worlds: worlds.into_iter().map(|(c, s)| World::new(c, s)).collect() }
-    }
-}
-
-impl Fleet for ReferenceFleet {
-    fn advance(&mut self, jobs: &mut [Job<'_>]) {
-        for job in jobs {
-            let world = &mut self.worlds[job.world];
-            job.outcome = (0..job.steps).try_for_each(|_| world.step(job.progress));
-        }
-    }
-
-    fn observe(&mut self, world: usize, progress: &Progress) -> Moment {
-        self.worlds[world].observe(progress)
-    }
-
-    fn detail(&mut self, world: usize, progress: &Progress) -> Detail {
-        self.worlds[world].detail(progress)
-    }
-
-    fn state(&self, world: usize, progress: &Progress) -> State {
-        self.worlds[world].state(progress)
-    }
-
-    fn load(&mut self, world: usize, state: &mut State) {
-        self.worlds[world].load(state);
-    }
-
-    fn times(&self, _world: usize) -> PhaseTimes {
-        PhaseTimes::default()
-    }
-
-    fn bytes_per_particle(&self, world: usize) -> f64 {
-        let w = &self.worlds[world];
-        let floats: usize = w.pairs.values().map(Vec::len).sum();
-        let bytes = w.bodies.len() * size_of::<Body>()
-            + w.pairs.len() * size_of::<([u32; 2], Vec<f64>)>()
-            + floats * size_of::<f64>();
-        bytes as f64 / w.bodies.len().max(1) as f64
-    }
-}
 
 /// A particle.
 #[derive(Clone, Debug)]
@@ -150,7 +101,11 @@ struct Contact {
     arm: V3,
 }
 
-struct World {
+/// Worlds computed by the reference.
+pub type ReferenceFleet = Worlds<ReferenceWorld>;
+
+/// A world computed by the reference.
+pub struct ReferenceWorld {
     c: Arc<Constants>,
     bodies: Vec<Body>,
     standing: Vec<Standing>,
@@ -160,7 +115,7 @@ struct World {
     surfaces: BTreeMap<(u32, usize), Vec<Touched>>,
 }
 
-impl World {
+impl World for ReferenceWorld {
     fn new(c: Arc<Constants>, state: &mut State) -> Self {
         let standing = c.boundaries.iter().map(|_| Standing::default()).collect();
         let mut world =
@@ -169,31 +124,82 @@ impl World {
         world
     }
 
-    fn load(&mut self, state: &mut State) {
-        let p = &state.particles;
-        self.bodies = (0..p.len())
-            .map(|i| Body {
-                id: p.id[i],
-                material: p.spin[i].material,
-                radius: f64::from(p.place[i].radius),
-                inv_mass: f64::from(p.velocity[i].inv_mass),
-                home: self.c.lattice.decode(p.hi[i], p.place[i].lo, p.rest[i]),
-                moved: [0.0; 3],
-                v: wide(p.velocity[i].v),
-                w: wide(p.spin[i].w),
-                a: wide(p.acceleration[i]),
-                alpha: wide(p.angular[i]),
-                force: wide(p.force[i]),
-            })
-            .collect();
-        let floats = |h: &[f32]| h.iter().copied().map(f64::from).collect();
-        self.pairs = state.contacts.iter().map(|m| (m.id, floats(&m.history))).collect();
-        self.surfaces.clear();
-        for m in &state.surface_contacts {
-            let touched = (m.n.map(f64::from), floats(&m.history));
-            self.surfaces.entry((m.id, m.surface as usize)).or_default().push(touched);
+    fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
+        let c = self.c.clone();
+        let kind = c.spec.time.integrator;
+        let split = kind == IntegratorKind::VelocityVerlet;
+        if split {
+            if !g.primed {
+                self.stand(g);
+                self.prime();
+            }
+            let moved = self.motion(g, kind, None);
+            self.check(g, &moved)?;
+            // The force belongs to the end of the step, for surfaces too.
+            g.step += 1;
         }
-        state.progress.stale = false;
+        self.stand(g);
+        let contacts = self.contacts_of_step(c.dt);
+        let moved = self.motion(g, kind, Some(&self.sums(&contacts)));
+        self.account(g, &contacts, &moved, split);
+        self.guard(g, &contacts)?;
+        self.check(g, &moved)?;
+        g.primed = true;
+        g.step += u64::from(!split);
+        self.release(g);
+        Ok(())
+    }
+
+    fn observe(&mut self, g: &Progress) -> Moment {
+        self.stand(g);
+        let mut m = Moment::default();
+        for contact in self.contacts_now() {
+            m.elastic_normal += contact.pull.energy_normal;
+            m.elastic_tangential += contact.pull.tangential.energy_before;
+            m.overlap = m.overlap.max(contact.depth());
+            match contact.with {
+                Partner::Particle(_) => m.contacts += 1,
+                Partner::Surface { .. } => m.surface_contacts += 1,
+            }
+        }
+        for b in &self.bodies {
+            let p = b.portrait(&self.c);
+            let e = p.energy(&self.c);
+            m.translation += e[0];
+            m.rotation += e[1];
+            m.potential += e[2];
+            m.speed = m.speed.max(norm(p.v));
+        }
+        m
+    }
+
+    fn detail(&mut self, g: &Progress) -> Detail {
+        self.stand(g);
+        let mut d = Detail { coordination: vec![0; self.bodies.len()], ..Detail::default() };
+        for s in 0..self.c.spec.surfaces.len() {
+            let triangles = match &self.c.boundaries[s].shape {
+                BoundaryShape::Mesh(mesh, _) => mesh.triangles.len(),
+                BoundaryShape::Plane(_) => 1,
+            };
+            d.on_triangles.push(vec![[0.0; 3]; triangles]);
+        }
+        for contact in self.contacts_now() {
+            d.coordination[contact.i] += 1;
+            match contact.with {
+                Partner::Particle(j) => {
+                    d.coordination[j] += 1;
+                    let ids = [self.bodies[contact.i].id, self.bodies[j].id];
+                    d.network.push((ids, narrow(contact.pull.force)));
+                }
+                Partner::Surface { boundary, triangle } => {
+                    if let Some(s) = self.c.boundaries[boundary].surface {
+                        let on = &mut d.on_triangles[s][triangle];
+                        *on = sub(*on, array(contact.pull.force));
+                    }
+                }
+            }
+        }
+        d
     }
 
     fn state(&self, g: &Progress) -> State {
@@ -231,32 +237,43 @@ impl World {
         State { particles: p, contacts, surface_contacts, progress: Progress { stale: true, ..g.clone() } }
     }
 
-    fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
-        let c = self.c.clone();
-        let kind = c.spec.time.integrator;
-        let split = kind == IntegratorKind::VelocityVerlet;
-        if split {
-            if !g.primed {
-                self.stand(g);
-                self.prime();
-            }
-            let moved = self.motion(g, kind, None);
-            self.check(g, &moved)?;
-            // The force belongs to the end of the step, for surfaces too.
-            g.step += 1;
+    fn load(&mut self, state: &mut State) {
+        let p = &state.particles;
+        self.bodies = (0..p.len())
+            .map(|i| Body {
+                id: p.id[i],
+                material: p.spin[i].material,
+                radius: f64::from(p.place[i].radius),
+                inv_mass: f64::from(p.velocity[i].inv_mass),
+                home: self.c.lattice.decode(p.hi[i], p.place[i].lo, p.rest[i]),
+                moved: [0.0; 3],
+                v: wide(p.velocity[i].v),
+                w: wide(p.spin[i].w),
+                a: wide(p.acceleration[i]),
+                alpha: wide(p.angular[i]),
+                force: wide(p.force[i]),
+            })
+            .collect();
+        let floats = |h: &[f32]| h.iter().copied().map(f64::from).collect();
+        self.pairs = state.contacts.iter().map(|m| (m.id, floats(&m.history))).collect();
+        self.surfaces.clear();
+        for m in &state.surface_contacts {
+            let touched = (m.n.map(f64::from), floats(&m.history));
+            self.surfaces.entry((m.id, m.surface as usize)).or_default().push(touched);
         }
-        self.stand(g);
-        let contacts = self.contacts_of_step(c.dt);
-        let moved = self.motion(g, kind, Some(&self.sums(&contacts)));
-        self.account(g, &contacts, &moved, split);
-        self.guard(g, &contacts)?;
-        self.check(g, &moved)?;
-        g.primed = true;
-        g.step += u64::from(!split);
-        self.release(g);
-        Ok(())
+        state.progress.stale = false;
     }
 
+    fn bytes(&self) -> (usize, usize) {
+        let floats: usize = self.pairs.values().map(Vec::len).sum();
+        let bytes = self.bodies.len() * size_of::<Body>()
+            + self.pairs.len() * size_of::<([u32; 2], Vec<f64>)>()
+            + floats * size_of::<f64>();
+        (bytes, self.bodies.len())
+    }
+}
+
+impl ReferenceWorld {
     fn stand(&mut self, g: &Progress) {
         for (standing, boundary) in self.standing.iter_mut().zip(&self.c.boundaries) {
             standing.place(boundary, &self.c, g);
@@ -512,58 +529,6 @@ impl World {
             self.pairs.retain(|id, _| !id.contains(&p.id));
             self.surfaces.retain(|key, _| key.0 != p.id);
         }
-    }
-
-    fn observe(&mut self, g: &Progress) -> Moment {
-        self.stand(g);
-        let mut m = Moment::default();
-        for contact in self.contacts_now() {
-            m.elastic_normal += contact.pull.energy_normal;
-            m.elastic_tangential += contact.pull.tangential.energy_before;
-            m.overlap = m.overlap.max(contact.depth());
-            match contact.with {
-                Partner::Particle(_) => m.contacts += 1,
-                Partner::Surface { .. } => m.surface_contacts += 1,
-            }
-        }
-        for b in &self.bodies {
-            let p = b.portrait(&self.c);
-            let e = p.energy(&self.c);
-            m.translation += e[0];
-            m.rotation += e[1];
-            m.potential += e[2];
-            m.speed = m.speed.max(norm(p.v));
-        }
-        m
-    }
-
-    fn detail(&mut self, g: &Progress) -> Detail {
-        self.stand(g);
-        let mut d = Detail { coordination: vec![0; self.bodies.len()], ..Detail::default() };
-        for s in 0..self.c.spec.surfaces.len() {
-            let triangles = match &self.c.boundaries[s].shape {
-                BoundaryShape::Mesh(mesh, _) => mesh.triangles.len(),
-                BoundaryShape::Plane(_) => 1,
-            };
-            d.on_triangles.push(vec![[0.0; 3]; triangles]);
-        }
-        for contact in self.contacts_now() {
-            d.coordination[contact.i] += 1;
-            match contact.with {
-                Partner::Particle(j) => {
-                    d.coordination[j] += 1;
-                    let ids = [self.bodies[contact.i].id, self.bodies[j].id];
-                    d.network.push((ids, narrow(contact.pull.force)));
-                }
-                Partner::Surface { boundary, triangle } => {
-                    if let Some(s) = self.c.boundaries[boundary].surface {
-                        let on = &mut d.on_triangles[s][triangle];
-                        *on = sub(*on, array(contact.pull.force));
-                    }
-                }
-            }
-        }
-        d
     }
 }
 

@@ -1,0 +1,77 @@
+//! Fleets of worlds that a backend runs one by one.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::{Detail, Fleet, Job, Moment, PhaseTimes};
+use crate::failure::Failure;
+use crate::setup::Constants;
+use crate::state::{Progress, State};
+
+/// A world that runs by itself; see [`Fleet`] for what is asked of it.
+pub trait World: Send + Sized {
+    /// Takes a world in.
+    fn new(c: Arc<Constants>, state: &mut State) -> Self;
+    /// One step.
+    fn step(&mut self, g: &mut Progress) -> Result<(), Failure>;
+    /// Energies and contacts now.
+    fn observe(&mut self, g: &Progress) -> Moment;
+    /// Coordination and forces on triangles now.
+    fn detail(&mut self, g: &Progress) -> Detail;
+    /// The complete state.
+    fn state(&self, g: &Progress) -> State;
+    /// Replaces the state.
+    fn load(&mut self, state: &mut State);
+    /// Time spent since it was taken in.
+    fn times(&self) -> PhaseTimes {
+        PhaseTimes::default()
+    }
+    /// Bytes held for its particles and contacts, and the number of particles.
+    fn bytes(&self) -> (usize, usize);
+}
+
+/// Worlds side by side, on as many threads as there are.
+pub struct Worlds<W>(Vec<W>);
+
+impl<W: World> Worlds<W> {
+    /// Takes worlds in.
+    pub fn new(worlds: Vec<(Arc<Constants>, &mut State)>) -> Self {
+        Self(worlds.into_iter().map(|(c, s)| W::new(c, s)).collect())
+    }
+}
+
+impl<W: World> Fleet for Worlds<W> {
+    fn advance(&mut self, jobs: &mut [Job<'_>]) {
+        let mut worlds: Vec<Option<&mut W>> = self.0.iter_mut().map(Some).collect();
+        let paired: Vec<_> = jobs.iter_mut().filter_map(|j| Some((worlds[j.world].take()?, j))).collect();
+        paired.into_par_iter().for_each(|(world, job)| {
+            job.outcome = (0..job.steps).try_for_each(|_| world.step(job.progress));
+        });
+    }
+
+    fn observe(&mut self, world: usize, progress: &Progress) -> Moment {
+        self.0[world].observe(progress)
+    }
+
+    fn detail(&mut self, world: usize, progress: &Progress) -> Detail {
+        self.0[world].detail(progress)
+    }
+
+    fn state(&self, world: usize, progress: &Progress) -> State {
+        self.0[world].state(progress)
+    }
+
+    fn load(&mut self, world: usize, state: &mut State) {
+        self.0[world].load(state);
+    }
+
+    fn times(&self, world: usize) -> PhaseTimes {
+        self.0[world].times()
+    }
+
+    fn bytes_per_particle(&self, world: usize) -> f64 {
+        let (bytes, particles) = self.0[world].bytes();
+        bytes as f64 / particles.max(1) as f64
+    }
+}
