@@ -187,7 +187,7 @@ pub struct Ledger {
     /// Work done on the particles by moving surfaces, and by the seams of periodic axes that gravity has a part
     /// along: a particle that falls through re-enters as high as it began.
     pub work: f64,
-    /// Energy taken out with particles that were removed or lost.
+    /// Energy taken out with particles that were removed or lost, and with the springs of their contacts.
     pub removed: f64,
     /// Energy at the start.
     pub initial: f64,

@@ -117,6 +117,12 @@ impl Portrait {
     }
 }
 
+/// Accounts for the energy of the normal and the tangential springs that vanish with particles \[J\].
+pub fn unload(g: &mut Progress, [normal, tangential]: [f64; 2]) {
+    g.ledger.removed += normal + tangential;
+    g.ledger.elastic_tangential -= tangential;
+}
+
 /// The axis and side through which a place is outside the domain, if it is.
 pub fn outside(l: &Lattice, hi: [i32; 3], lo: [u32; 3]) -> Option<[usize; 2]> {
     (0..3).filter(|&k| !l.periodic[k]).find_map(|k| {

@@ -18,6 +18,7 @@ mod friction;
 mod guards;
 mod laws;
 mod packing;
+mod leaving;
 mod periodic;
 mod precision;
 mod restitution;
@@ -58,6 +59,8 @@ macro_rules! backend_suite {
                 floor::a_convex_edge_acts_once,
                 floor::concave_corners_act_on_each_side,
                 floor::a_plane_ends_where_it_ends,
+                leaving::leavers_take_their_springs_along,
+                leaving::trimmed_particles_take_their_springs_along,
                 periodic::a_blade_is_felt_however_far_it_goes,
                 periodic::the_ledger_closes_through_seams,
                 convergence::orders_of_the_integrators,

@@ -53,6 +53,19 @@ pub struct SurfacePull {
     pub torque: [f32; 3],
     /// The dissipating part of both.
     pub drain: [[f32; 3]; 2],
+    /// Energy of the normal and of the tangential spring before the step's motion \[J\].
+    pub energy: [f32; 2],
+}
+
+/// A pair in contact.
+#[derive(Clone, Copy, Debug)]
+pub struct PairSeen {
+    /// The two particles.
+    pub of: [u32; 2],
+    /// Force on the first \[N\].
+    pub force: [f32; 3],
+    /// Energy of the normal and of the tangential spring \[J\].
+    pub energy: [f32; 2],
 }
 
 /// What a block's phase finds.
@@ -77,8 +90,8 @@ pub struct Found {
     pub friction_loss: f64,
     /// Largest overlap as a fraction of the smaller radius, with particle and partner.
     pub worst: (f32, u32, u32),
-    /// Pairs in contact and the force on the first \[N\], when observing.
-    pub pairs: Vec<(u32, u32, [f32; 3])>,
+    /// Pairs in contact, when observing.
+    pub pairs: Vec<PairSeen>,
     /// Pairs and surface contacts.
     pub contacts: [u64; 2],
 }
@@ -232,7 +245,11 @@ fn flush_pairs(
     }
     let of = |lane: &[[f32; LANES]; 3], l: usize| [lane[0][l], lane[1][l], lane[2][l]];
     if ph.purpose == Purpose::Observe {
-        found.pairs.extend((0..used).map(|l| (owner[l].i, owner[l].j, of(&lanes.force, l))));
+        found.pairs.extend((0..used).map(|l| PairSeen {
+            of: [owner[l].i, owner[l].j],
+            force: of(&lanes.force, l),
+            energy: [lanes.energy_normal[l], lanes.energy_before[l]],
+        }));
         return;
     }
     let h = ph.c.history.len();
@@ -406,6 +423,7 @@ fn scatter_surfaces(
             force,
             torque,
             drain: [of(&lanes.dash), of(&lanes.drain[0])],
+            energy: [lanes.energy_normal[l], lanes.energy_before[l]],
         });
         if ph.purpose != Purpose::Step {
             continue;

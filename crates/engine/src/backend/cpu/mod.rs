@@ -13,6 +13,7 @@ mod lanes;
 mod list;
 
 use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -24,7 +25,9 @@ use self::contacts::{Found, Phase, Purpose, Scratch, run};
 use self::integrate::{Columns, Contacts, Moved, Step, advance};
 use self::lanes::Pair;
 use self::list::{BLOCK, Block, Incoming, Memory, Pull};
-use super::common::{Portrait, Standing, outside, overlap_failure, quoted, runaway_failure, too_deep};
+use super::common::{
+    Portrait, Standing, outside, overlap_failure, quoted, runaway_failure, too_deep, unload,
+};
 use super::worlds::{World, Worlds};
 use super::{Detail, Moment, PhaseTimes};
 use crate::failure::Failure;
@@ -164,10 +167,11 @@ impl World for CpuWorld {
             d.on_triangles.push(vec![[0.0; 3]; triangles]);
         }
         for (block, f) in self.blocks.iter().zip(&found) {
-            for &(i, j, force) in &f.pairs {
-                d.coordination[i as usize] += 1;
-                d.coordination[j as usize] += 1;
-                d.network.push(([self.p.id[i as usize], self.p.id[j as usize]], force));
+            for pair in &f.pairs {
+                let [i, j] = pair.of.map(|i| i as usize);
+                d.coordination[i] += 1;
+                d.coordination[j] += 1;
+                d.network.push(([self.p.id[i], self.p.id[j]], pair.force));
             }
             for pull in &f.surface {
                 d.coordination[block.first + pull.local as usize] += 1;
@@ -276,6 +280,7 @@ impl CpuWorld {
         let mut old: Vec<u32> = (0..self.p.len() as u32).collect();
         let keep = self.leavers(g);
         if keep.contains(&false) {
+            unload(g, self.springs(g, &keep));
             self.p.retain(&keep);
             let mut at = keep.iter();
             old.retain(|_| *at.next().unwrap_or(&true));
@@ -450,27 +455,60 @@ impl CpuWorld {
         Err(runaway_failure(&self.c, g, &self.describe(i), self.p.velocity[i].v.map(f64::from)))
     }
 
-    /// A particle in words: number, place, speed, contacts.
-    fn describe(&self, i: usize) -> String {
+    /// What particle `i` touched in the last step: particles and boundaries.
+    fn touching(&self, i: usize) -> (Vec<usize>, Vec<usize>) {
         let block = &self.blocks[i / BLOCK];
         let local = i % BLOCK;
-        let mut with: Vec<String> = (block.start[local] as usize..block.start[local + 1] as usize)
+        let mut particles: Vec<usize> = (block.start[local] as usize..block.start[local + 1] as usize)
             .filter(|&k| block.touching[k])
-            .map(|k| self.p.id[block.partner[k] as usize].to_string())
+            .map(|k| block.partner[k] as usize)
             .collect();
         for &k in &self.incoming.entry[self.incoming.start[i] as usize..self.incoming.start[i + 1] as usize] {
             let b = self.incoming.base.partition_point(|&s| s <= k) - 1;
             let other = &self.blocks[b];
             let k = k - self.incoming.base[b];
             if other.touching[k as usize] {
-                let local = other.start.partition_point(|&s| s <= k) - 1;
-                with.push(self.p.id[other.first + local].to_string());
+                particles.push(other.first + other.start.partition_point(|&s| s <= k) - 1);
             }
         }
-        for q in block.patches.iter().filter(|q| q.local as usize == local && !q.contacts.is_empty()) {
-            with.push(quoted(&self.c, q.boundary as usize));
+        let patches = block.patches.iter().filter(|q| q.local as usize == local && !q.contacts.is_empty());
+        (particles, patches.map(|q| q.boundary as usize).collect())
+    }
+
+    /// A particle in words: number, place, speed, contacts.
+    fn describe(&self, i: usize) -> String {
+        let (particles, boundaries) = self.touching(i);
+        let particles = particles.into_iter().map(|j| self.p.id[j].to_string());
+        let boundaries = boundaries.into_iter().map(|b| quoted(&self.c, b));
+        self.portrait(i).describe(particles.chain(boundaries).collect())
+    }
+
+    /// Energy of the normal and of the tangential springs of particles that do not stay \[J\].
+    fn springs(&mut self, g: &Progress, stays: &[bool]) -> [f64; 2] {
+        // A pair stands in the block of one of the two.
+        let mut blocks = BTreeSet::new();
+        for i in (0..stays.len()).filter(|&i| !stays[i]) {
+            let (particles, boundaries) = self.touching(i);
+            if !particles.is_empty() || !boundaries.is_empty() {
+                blocks.insert(i / BLOCK);
+                blocks.extend(particles.into_iter().map(|j| j / BLOCK));
+            }
         }
-        self.portrait(i).describe(with)
+        self.stand(g);
+        let phase = Self::phase(&self.c, &self.pairs, &self.p, &self.standing, Purpose::Observe);
+        let mut found = Found::default();
+        let mut energy = [0.0; 2];
+        for b in blocks {
+            let block = &mut self.blocks[b];
+            SCRATCH.with_borrow_mut(|scratch| run(&phase, block, &mut [], &mut [], &mut found, scratch));
+            let gone = |i: u32| !stays[i as usize];
+            let pairs = found.pairs.iter().filter(|q| q.of.into_iter().any(gone)).map(|q| q.energy);
+            let surface = found.surface.iter().filter(|q| gone(block.first as u32 + q.local));
+            for e in pairs.chain(surface.map(|q| q.energy)) {
+                (0..2).for_each(|k| energy[k] += f64::from(e[k]));
+            }
+        }
+        energy
     }
 
     /// Runs the contact phase on the present configuration without changing it.

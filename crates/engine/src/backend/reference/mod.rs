@@ -18,7 +18,9 @@ use glebe_physics::kernel64::vector::{V3, cross, dot, minus, plus, scaled};
 
 use self::contact::{Meeting, Pull};
 use self::motion::{Motion, Moved};
-use super::common::{Portrait, Standing, outside, overlap_failure, quoted, runaway_failure, too_deep};
+use super::common::{
+    Portrait, Standing, outside, overlap_failure, quoted, runaway_failure, too_deep, unload,
+};
 use super::worlds::{World, Worlds};
 use super::{Detail, Moment};
 use crate::failure::Failure;
@@ -516,16 +518,27 @@ impl ReferenceWorld {
     /// Takes out and lists the particles outside the domain.
     fn release(&mut self, g: &mut Progress) {
         let c = self.c.clone();
-        let mut left: Vec<(Portrait, [usize; 2])> = Vec::new();
-        self.bodies.retain(|b| {
+        let side = |b: &Body| {
             let e = c.lattice.encode(b.x());
-            let side = outside(&c.lattice, e.hi, e.lo);
-            left.extend(side.map(|side| (b.portrait(&c), side)));
-            side.is_none()
-        });
+            outside(&c.lattice, e.hi, e.lo)
+        };
+        let sides: Vec<_> = self.bodies.iter().map(side).collect();
+        if sides.iter().all(Option::is_none) {
+            return;
+        }
+        self.stand(g);
+        for contact in self.contacts_now() {
+            let other = matches!(contact.with, Partner::Particle(j) if sides[j].is_some());
+            if sides[contact.i].is_some() || other {
+                unload(g, [contact.pull.energy_normal, contact.pull.tangential.energy_before]);
+            }
+        }
+        let mut left: Vec<_> =
+            self.bodies.iter().zip(&sides).filter_map(|(b, side)| Some((b.portrait(&c), (*side)?))).collect();
         left.sort_unstable_by_key(|(p, _)| p.id);
         for (p, side) in left {
             p.leave(&c, side, g);
+            self.bodies.retain(|b| b.id != p.id);
             self.pairs.retain(|id, _| !id.contains(&p.id));
             self.surfaces.retain(|key, _| key.0 != p.id);
         }
