@@ -76,7 +76,7 @@ pub struct PairCoefficients {
     pub truncate: f64,
     /// 1 if the normal force cannot pull.
     pub clip: f64,
-    /// Interaction distance beyond touch \[m\].
+    /// Distance beyond touch up to which cohesion acts \[m\].
     pub range: f64,
 }
 
@@ -121,12 +121,6 @@ impl Laws {
             self.tangential.prepare(&of(model, pair, self.tangential.info(), &model.tangential))?;
         let rolling = self.rolling.prepare(&of(model, pair, self.rolling.info(), &model.rolling))?;
         let cohesion = self.cohesion.prepare(&of(model, pair, self.cohesion.info(), &model.cohesion))?;
-        let range = [
-            self.normal.range(&normal),
-            self.tangential.range(&tangential),
-            self.rolling.range(&rolling),
-            self.cohesion.range(&cohesion),
-        ];
         Ok(PairCoefficients {
             normal,
             tangential,
@@ -136,7 +130,7 @@ impl Laws {
             remember: f64::from(u8::from(model.history != History::None)),
             truncate: f64::from(u8::from(model.history != History::Unbounded)),
             clip: f64::from(u8::from(model.end == ContactEnd::NoTension)),
-            range: range.into_iter().fold(0.0, f64::max),
+            range: self.cohesion.range(&cohesion),
         })
     }
 }

@@ -234,7 +234,7 @@ pub trait Law {
     fn collision_time(_coefficients: &[f64; 4], _impact: &Impact, _speed: f64) -> f64 {
         f64::INFINITY
     }
-    /// Distance beyond touch up to which the law acts \[m\].
+    /// Distance beyond touch up to which a law of cohesion acts \[m\]; laws of the other slots act in touch only.
     fn range(_coefficients: &[f64; 4]) -> f64 {
         0.0
     }

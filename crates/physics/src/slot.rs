@@ -50,7 +50,7 @@ macro_rules! slot_enum {
                     $(Self::$law => <$file::$law as crate::Law>::collision_time(coefficients, impact, speed)),*
                 }
             }
-            /// Distance beyond touch up to which the law acts \[m\].
+            /// See [`Law::range`](crate::Law::range).
             pub fn range(self, coefficients: &[f64; 4]) -> f64 {
                 match self { $(Self::$law => <$file::$law as crate::Law>::range(coefficients)),* }
             }

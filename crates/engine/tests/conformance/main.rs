@@ -21,6 +21,7 @@ mod packing;
 mod leaving;
 mod periodic;
 mod precision;
+mod reach;
 mod restitution;
 mod support;
 
@@ -59,6 +60,7 @@ macro_rules! backend_suite {
                 floor::a_convex_edge_acts_once,
                 floor::concave_corners_act_on_each_side,
                 floor::a_plane_ends_where_it_ends,
+                reach::what_does_not_touch_does_not_press,
                 leaving::leavers_take_their_springs_along,
                 leaving::trimmed_particles_take_their_springs_along,
                 periodic::a_blade_is_felt_however_far_it_goes,

@@ -37,6 +37,20 @@ pub struct Touch {
     pub diameter: f32,
 }
 
+/// A contact as springs and dashpots see it: bodies that do not touch, and meet only because cohesion acts from
+/// afar, neither overlap nor approach.
+#[cfg_attr(feature = "gpu", cube)]
+#[inline(always)]
+pub fn pressed(c: Touch) -> Touch {
+    Touch {
+        delta: f32::max(c.delta, 0.0f32),
+        vn: select(c.delta < 0.0f32, 0.0f32, c.vn),
+        r_eff: c.r_eff,
+        m_eff: c.m_eff,
+        diameter: c.diameter,
+    }
+}
+
 /// Distance between two spheres and where they touch.
 #[cfg_attr(feature = "gpu", derive(CubeType))]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

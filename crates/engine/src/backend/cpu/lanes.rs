@@ -3,8 +3,8 @@
 //! All contacts in the lanes belong to one pair of materials, so laws and coefficients are the same for all
 //! of them and the choice of law is made once per loop.
 
-use glebe_physics::kernel::cohesion::{self, Cohesion};
-use glebe_physics::kernel::contact::{Coefficients, Touch, relative_velocity, tangential_part};
+use glebe_physics::kernel::cohesion::{self, Cohesion, within};
+use glebe_physics::kernel::contact::{Coefficients, Touch, pressed, relative_velocity, tangential_part};
 use glebe_physics::kernel::normal::{self, Normal, NormalForce};
 use glebe_physics::kernel::rolling::{self, Roll, Rolling};
 use glebe_physics::kernel::tangential::{self, Friction, Tangential, carried, slide};
@@ -30,6 +30,7 @@ pub struct Pair {
     cohesion: Coefficients,
     friction: Friction,
     clip: f32,
+    range: f32,
 }
 
 impl Pair {
@@ -48,6 +49,7 @@ impl Pair {
                 truncate: p.truncate as f32,
             },
             clip: p.clip as f32,
+            range: p.range as f32,
         }
     }
 }
@@ -245,7 +247,7 @@ impl Lanes {
     pub fn evaluate(&mut self, used: usize, laws: Laws, pair: &Pair, dt: f32) {
         let used = used.next_multiple_of(16).min(LANES);
         self.kinematics(used);
-        laws.cohesion.visit(CohesionLoop(self, used, &pair.cohesion));
+        laws.cohesion.visit(CohesionLoop(self, used, pair));
         laws.normal.visit(NormalLoop(self, used, pair));
         let offset = laws.normal.history().len();
         laws.tangential.visit(TangentialLoop(self, used, pair));
@@ -325,10 +327,12 @@ impl Lanes {
                 tangential::Spring { stiffness: self.spring_stiffness[l], damping: self.spring_damping[l] };
             let load = self.elastic[l] + self.viscous[l];
             let t = slide(stretch, history[3][l], spring, *friction, load, at(&self.vt, l), dt);
-            history[0][l] = t.stretch.x;
-            history[1][l] = t.stretch.y;
-            history[2][l] = t.stretch.z;
-            history[3][l] = t.slip;
+            // Bodies that do not touch remember nothing.
+            let touch = self.delta[l] >= 0.0;
+            let spring = [t.stretch.x, t.stretch.y, t.stretch.z, t.slip];
+            for (lane, x) in history.iter_mut().zip(spring) {
+                lane[l] = if touch { x } else { 0.0 };
+            }
             let couple = cross(n, t.force);
             put(&mut self.force, l, plus(scaled(n, self.attraction[l] - load), t.force));
             let dash = minus(t.force, t.spring);
@@ -346,15 +350,16 @@ impl Lanes {
     }
 }
 
-struct CohesionLoop<'a>(&'a mut Lanes, usize, &'a Coefficients);
+struct CohesionLoop<'a>(&'a mut Lanes, usize, &'a Pair);
 
 impl cohesion::Visitor for CohesionLoop<'_> {
     type Output = ();
     #[inline(always)]
     fn visit<L: Cohesion>(self) {
-        let Self(lanes, used, k) = self;
+        let Self(lanes, used, pair) = self;
         for l in 0..used {
-            let a = L::attraction(k, lanes.touch(l));
+            let touch = lanes.touch(l);
+            let a = within(L::attraction(&pair.cohesion, touch), touch, pair.range);
             lanes.attraction[l] = a.force;
             lanes.energy_normal[l] = a.energy;
         }
@@ -369,7 +374,7 @@ impl normal::Visitor for NormalLoop<'_> {
     fn visit<L: Normal>(self) {
         let Self(lanes, used, pair) = self;
         for l in 0..used {
-            let f = normal::ended(L::force(&pair.normal, lanes.touch(l)), pair.clip);
+            let f = normal::ended(L::force(&pair.normal, pressed(lanes.touch(l))), pair.clip);
             lanes.elastic[l] = f.elastic;
             lanes.viscous[l] = f.viscous;
             lanes.stiffness[l] = f.stiffness;
@@ -392,7 +397,7 @@ impl tangential::Visitor for TangentialLoop<'_> {
                 stiffness: lanes.stiffness[l],
                 energy: lanes.energy_normal[l],
             };
-            let s = L::spring(&pair.tangential, lanes.touch(l), n);
+            let s = L::spring(&pair.tangential, pressed(lanes.touch(l)), n);
             lanes.spring_stiffness[l] = s.stiffness;
             lanes.spring_damping[l] = s.damping;
         }

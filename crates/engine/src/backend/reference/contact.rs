@@ -2,8 +2,8 @@
 
 use glebe_physics::Laws;
 use glebe_physics::PairCoefficients;
-use glebe_physics::kernel64::cohesion::{self, Attraction, Cohesion, CohesionLaw};
-use glebe_physics::kernel64::contact::{Coefficients, Touch, relative_velocity, tangential_part};
+use glebe_physics::kernel64::cohesion::{self, Attraction, Cohesion, CohesionLaw, within};
+use glebe_physics::kernel64::contact::{Coefficients, Touch, pressed, relative_velocity, tangential_part};
 use glebe_physics::kernel64::normal::{self, Normal, NormalForce, NormalLaw, ended};
 use glebe_physics::kernel64::rolling::{self, Roll, Rolling, RollingLaw, Torques};
 use glebe_physics::kernel64::tangential::{
@@ -68,6 +68,8 @@ impl Meeting {
         };
         let attraction =
             CohesionLaw::ALL[laws.cohesion as usize].visit(CohesionOf(&coefficients(pair.cohesion), touch));
+        let attraction = within(attraction, touch, pair.range);
+        let touch = pressed(touch);
         let normal = NormalLaw::ALL[laws.normal as usize].visit(NormalOf(&coefficients(pair.normal), touch));
         let normal = ended(normal, pair.clip);
         let load = normal.elastic + normal.viscous;
@@ -87,7 +89,9 @@ impl Meeting {
                 truncate: pair.truncate,
             };
             t = slide(stretch, h[3], spring, friction, load, vt, dt);
-            h.copy_from_slice(&[t.stretch.x, t.stretch.y, t.stretch.z, t.slip]);
+            // Bodies that do not touch remember nothing.
+            let spring = [t.stretch.x, t.stretch.y, t.stretch.z, t.slip];
+            h.copy_from_slice(&if m.delta >= 0.0 { spring } else { [0.0; 4] });
         }
         let couple = cross(m.n, t.force);
         let roll = Roll {

@@ -17,13 +17,22 @@ slot! {
 pub struct Attraction {
     /// Force pulling the bodies together \[N\], ≥ 0.
     pub force: f32,
-    /// Potential energy \[J\], zero at δ = 0.
+    /// Potential energy \[J\], zero where the attraction begins: at `δ = 0`, or at the law's range.
     pub energy: f32,
 }
 
 /// A law of cohesion.
 #[cfg_attr(feature = "gpu", cube)]
 pub trait Cohesion: Send + Sync + 'static {
-    /// The attraction in a contact.
+    /// The attraction in a contact; with `δ < 0` of bodies as far apart as the law's range.
     fn attraction(k: &Coefficients, c: Touch) -> Attraction;
+}
+
+/// The attraction within `range` \[m\] beyond touch, and none farther: bodies meet as far apart as the longest
+/// range of all materials, the law acts as far as its own of the pair.
+#[cfg_attr(feature = "gpu", cube)]
+#[inline(always)]
+pub fn within(a: Attraction, c: Touch, range: f32) -> Attraction {
+    let near = c.delta + range >= 0.0f32;
+    Attraction { force: select(near, a.force, 0.0f32), energy: select(near, a.energy, 0.0f32) }
 }

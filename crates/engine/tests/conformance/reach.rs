@@ -1,0 +1,63 @@
+//! Bodies that meet because a law of cohesion acts beyond touch, but do not touch.
+
+use std::sync::Arc;
+
+use glebe_engine::backend::Backend;
+use glebe_engine::prepare;
+use glebe_engine::spec::{Pose, WorldSpec};
+use glebe_physics::{ContactEnd, ContactModel, History};
+
+use crate::support::{Random, Run, each_law, grain, label, mesh, open_world, plane, rectangle};
+
+const RADIUS: f64 = 1e-3;
+
+/// Grains that bounce on each other, on a plane and on a mesh.
+fn bouncing(contact: ContactModel) -> WorldSpec {
+    let mut w = open_world([0.0; 3], 0.1, 5e-6, grain(0.7, 0.4));
+    w.contact = contact;
+    w.gravity = [0.0, 0.0, -9.81];
+    let mut r = Random(17);
+    for i in 0..27 {
+        let at = [i % 3, i / 3 % 3, i / 9].map(|k| (2.05 * f64::from(k) + 1.02) * RADIUS);
+        let radius = RADIUS * (0.9 + 0.1 * r.unit());
+        w.particles.push_moving(at, radius, 0, r.vector(0.5), r.vector(200.0));
+    }
+    let (vertices, triangles) = rectangle([-0.05; 2], [0.05; 2]);
+    let wall = Pose { translation: [0.0; 3], rotation: [0.5, 0.5, 0.5, 0.5] };
+    w.surfaces = vec![plane([0.0, 0.0, 1.0], [0.0; 3]), mesh(vertices, triangles, wall)];
+    w
+}
+
+/// Springs, dashpots, friction and rolling resistance act in touch only, and cohesion as far as its own range:
+/// where another pair of materials reaches farther, the motion stays the same, bit for bit.
+pub fn what_does_not_touch_does_not_press(backend: Backend) {
+    for mut contact in each_law() {
+        for (end, history) in
+            [(ContactEnd::Tension, History::Truncated), (ContactEnd::NoTension, History::Unbounded)]
+        {
+            (contact.end, contact.history) = (end, history);
+            let name = label(&contact);
+            let motion = |range: f64| {
+                let (mut c, state) = prepare(bouncing(contact.clone())).unwrap();
+                Arc::get_mut(&mut c).unwrap().range = range;
+                let mut run = Run::resume(backend, c, state);
+                let mut met = 0;
+                for _ in 0..12 {
+                    let m = run.steps(50).moment();
+                    met += m.contacts + m.surface_contacts;
+                }
+                let bodies: Vec<_> = run
+                    .bodies()
+                    .iter()
+                    .map(|b| [b.x, b.v, b.w, b.force].map(|x| x.map(f64::to_bits)))
+                    .collect();
+                (bodies, met, run.g.ledger.dissipated())
+            };
+            let (near, met, lost) = motion(0.0);
+            let (far, met_afar, lost_afar) = motion(0.3 * RADIUS);
+            assert!(met > 10 && met_afar > 2 * met, "{name}: {met} and {met_afar} contacts");
+            assert_eq!(near, far, "{name}");
+            assert!((lost_afar / lost - 1.0).abs() < 1e-9, "{name}: {lost:e} and {lost_afar:e} J dissipated");
+        }
+    }
+}
