@@ -468,6 +468,24 @@ fn check_start(c: &Constants, set: &ParticleSet) -> Result<Vec<String>, SetupErr
         if inside > 0 {
             warnings.push(format!("{inside} particles start inside the surface `{}`", b.name));
         }
+        if !mesh.is_closed() {
+            continue;
+        }
+        // A drum has all of its particles inside, a tool has none: some of them are worth a word, and no more, as
+        // a vessel may stand in a bed.
+        let enclosed = |at: &&Vec3| {
+            let mut images = span.images(c, **at, 0.0);
+            images.any(|shift| bvh.encloses(mesh, b.pose.inverse(c.shifted(**at, shift))))
+        };
+        let enclosed = set.position.iter().filter(enclosed).count();
+        if enclosed > 0 && enclosed < set.len() {
+            warnings.push(format!(
+                "{enclosed} of {} particles start within the closed surface `{}`, the others outside of it; if it is a \
+                 solid body, move them or insert it in a later stage",
+                set.len(),
+                b.name
+            ));
+        }
     }
     Ok(warnings)
 }

@@ -181,6 +181,54 @@ impl Bvh {
     }
 }
 
+impl Bvh {
+    /// Whether the body frame point `x` is inside the closed `mesh` of this hierarchy: a ray from it leaves through
+    /// an odd number of triangles (Jordan). The ray is askew to what is usual in meshes, so that it meets no edge.
+    pub fn encloses(&self, mesh: &TriMesh, x: Vec3) -> bool {
+        const RAY: Vec3 = [0.533_718_4, 0.285_771_9, 0.795_929_3];
+        let mut inside = false;
+        let mut stack: Vec<usize> = (0..self.nodes.len().min(1)).collect();
+        while let Some(at) = stack.pop() {
+            let node = &self.nodes[at];
+            let (mut from, mut to) = (0.0_f64, f64::INFINITY);
+            for k in 0..3 {
+                from = from.max((node.min[k] - x[k]) / RAY[k]);
+                to = to.min((node.max[k] - x[k]) / RAY[k]);
+            }
+            if from > to {
+                continue;
+            }
+            if node.count == 0 {
+                stack.extend([at + 1, node.link as usize]);
+            }
+            let first = node.link as usize;
+            for &t in self.order.iter().skip(first).take(node.count as usize) {
+                let [a, b, c] = mesh.triangles[t as usize].map(|v| sub(mesh.vertices[v as usize], x));
+                // The ray passes between the corners if the volumes that it spans with the sides agree in sign.
+                let sides = [(a, b), (b, c), (c, a)].map(|(p, q)| dot(RAY, cross(p, q)));
+                let ahead = dot(a, cross(b, c)) * sides.iter().sum::<f64>() > 0.0;
+                let within = sides.iter().all(|s| *s > 0.0) || sides.iter().all(|s| *s < 0.0);
+                inside ^= ahead && within;
+            }
+        }
+        inside
+    }
+}
+
+impl TriMesh {
+    /// Whether every edge joins two triangles.
+    pub fn is_closed(&self) -> bool {
+        let mut edges: Vec<[u32; 2]> = self
+            .triangles
+            .iter()
+            .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+            .map(|[a, b]| [a.min(b), a.max(b)])
+            .collect();
+        edges.sort_unstable();
+        !edges.is_empty() && edges.chunk_by(|a, b| a == b).all(|same| same.len() == 2)
+    }
+}
+
 fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
     points.iter().fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(lo, hi), p| {
         ([0, 1, 2].map(|k| lo[k].min(p[k])), [0, 1, 2].map(|k| hi[k].max(p[k])))
