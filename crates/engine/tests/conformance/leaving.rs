@@ -2,13 +2,12 @@
 
 use std::convert::Infallible;
 
-use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status};
 use glebe_engine::spec::{Action, Stage, Until, WorldSpec};
 use glebe_engine::state::{Ledger, StageResult};
 use glebe_physics::IntegratorKind;
 
-use crate::support::{Run, grain, open_world, plane};
+use crate::support::{Run, Subject, grain, open_world, plane};
 
 /// Largest open part of the ledger, as a share of the energy of the springs that went.
 const OPEN: f64 = 0.01;
@@ -30,10 +29,10 @@ fn pressed(integrator: IntegratorKind) -> WorldSpec {
     w
 }
 
-pub fn leavers_take_their_springs_along(backend: Backend) {
+pub fn leavers_take_their_springs_along(subject: &Subject) {
     for integrator in IntegratorKind::ALL {
         let name = integrator.name();
-        let mut run = Run::new(backend, pressed(integrator));
+        let mut run = Run::new(subject, pressed(integrator));
         let before = run.moment();
         run.g.ledger.initial = before.kinetic() + before.elastic_normal;
         assert_eq!((before.contacts, before.surface_contacts), (1, 1));
@@ -81,7 +80,7 @@ impl Observer for Last {
     }
 }
 
-pub fn trimmed_particles_take_their_springs_along(backend: Backend) {
+pub fn trimmed_particles_take_their_springs_along(subject: &Subject) {
     for integrator in IntegratorKind::ALL {
         let mut w = pressed(integrator);
         let stage = |steps: u32, actions| Stage {
@@ -92,7 +91,7 @@ pub fn trimmed_particles_take_their_springs_along(backend: Backend) {
         let trim = Action::RemoveBeyond { axis: [0.0, 1.0, 0.0], limit: HALF - RADIUS };
         w.stages = vec![stage(75, vec![]), stage(25, vec![trim])];
         w.sampling.series = DT;
-        let mut batch = Batch::new(vec![w], backend).map_err(|e| e.1).unwrap();
+        let mut batch = Batch::new(vec![w], subject.backend).map_err(|e| e.1).unwrap();
         let mut last = Last::default();
         let mut springs = 0.0;
         while batch.running() {

@@ -1,13 +1,12 @@
 //! Periodic axes: what repeats with the cell, and what does not.
 
-use glebe_engine::backend::Backend;
 use glebe_engine::lattice::{add, dot, norm, scale, sub};
 use glebe_engine::prepare;
 use glebe_engine::spec::{Motion, ParticleSet, Pose, Rotation, Side, Stage, Step, Vec3, WorldSpec};
 use glebe_engine::surface::quaternion;
 use glebe_physics::IntegratorKind;
 
-use crate::support::{Random, Run, grain, mesh, open_world, plane, rectangle, sphere_mass, unit};
+use crate::support::{Random, Run, Subject, grain, mesh, open_world, plane, rectangle, sphere_mass, unit};
 
 /// Largest difference of forces between images of one configuration, as a share of the largest force: places
 /// some periods away are rounded differently.
@@ -39,7 +38,7 @@ fn bed() -> WorldSpec {
 
 /// A blade that is dragged 5.5 periods along one axis and 2.5 back along the other meets the bed all the way, and
 /// at its end as one that stands 5 and 2 periods nearer.
-pub fn a_blade_is_felt_however_far_it_goes(backend: Backend) {
+pub fn a_blade_is_felt_however_far_it_goes(subject: &Subject) {
     let mut w = bed();
     let (vertices, triangles) = rectangle([-0.004, -0.003], [0.004, 0.003]);
     let upright = quaternion([0.0, 1.0, 0.0], std::f64::consts::FRAC_PI_2);
@@ -49,7 +48,7 @@ pub fn a_blade_is_felt_however_far_it_goes(backend: Backend) {
     let steps = 250;
     let path = sub(scale(CELL[0], 5.5), scale(CELL[1], 2.5));
     w.surfaces[0].motion.velocity = scale(path, 1.0 / (4e-6 * f64::from(parts) * steps as f64));
-    let mut run = Run::new(backend, w);
+    let mut run = Run::new(subject, w);
     for part in 0..parts {
         run.steps(steps);
         let impulse = std::mem::take(&mut run.g.impulse[0]);
@@ -61,7 +60,7 @@ pub fn a_blade_is_felt_however_far_it_goes(backend: Backend) {
         let base = &mut state.progress.surfaces[0].base.translation;
         *base = sub(*base, back);
         state.progress.stale = true;
-        let mut run = Run::resume(backend, run.c.clone(), state);
+        let mut run = Run::resume(subject, run.c.clone(), state);
         let on_blade = run.detail().on_triangles[0].clone();
         (run.steps(1).bodies(), on_blade)
     };
@@ -78,7 +77,7 @@ pub fn a_blade_is_felt_however_far_it_goes(backend: Backend) {
 
 /// Grains that fall through the seams of a sheared cell, several times along each axis: what their potential energy
 /// gains there is work, and the ledger stays as open as that of a fall without seams.
-pub fn the_ledger_closes_through_seams(backend: Backend) {
+pub fn the_ledger_closes_through_seams(subject: &Subject) {
     // Changes of velocity are then the same in f32 as they should be.
     let dt = 2_f64.powi(-14);
     for integrator in IntegratorKind::ALL {
@@ -94,7 +93,7 @@ pub fn the_ledger_closes_through_seams(backend: Backend) {
         w.particles.push_moving([0.006; 3], 2e-3, 0, v, [0.0; 3]);
         let mass: f64 = [1e-3, 2e-3].iter().map(|r| sphere_mass(*r, &w.materials[0])).sum();
         let (steps, g2) = (4000, dot(w.gravity, w.gravity));
-        let mut run = Run::new(backend, w);
+        let mut run = Run::new(subject, w);
         let energy = |run: &mut Run| run.moment().kinetic() + run.moment().potential;
         let before = energy(&mut run);
         // A seam passes what gravity did over a period: together nearly all that it did.

@@ -2,12 +2,11 @@
 
 use std::sync::Arc;
 
-use glebe_engine::backend::Backend;
 use glebe_engine::prepare;
 use glebe_engine::spec::{Pose, WorldSpec};
 use glebe_physics::{ContactEnd, ContactModel, History};
 
-use crate::support::{Random, Run, each_law, grain, label, mesh, open_world, plane, rectangle};
+use crate::support::{Random, Run, Subject, each_law, grain, label, mesh, open_world, plane, rectangle};
 
 const RADIUS: f64 = 1e-3;
 
@@ -30,7 +29,7 @@ fn bouncing(contact: ContactModel) -> WorldSpec {
 
 /// Springs, dashpots, friction and rolling resistance act in touch only, and cohesion as far as its own range:
 /// where another pair of materials reaches farther, the motion stays the same, bit for bit.
-pub fn what_does_not_touch_does_not_press(backend: Backend) {
+pub fn what_does_not_touch_does_not_press(subject: &Subject) {
     for mut contact in each_law() {
         for (end, history) in
             [(ContactEnd::Tension, History::Truncated), (ContactEnd::NoTension, History::Unbounded)]
@@ -40,7 +39,7 @@ pub fn what_does_not_touch_does_not_press(backend: Backend) {
             let motion = |range: f64| {
                 let (mut c, state) = prepare(bouncing(contact.clone())).unwrap();
                 Arc::get_mut(&mut c).unwrap().range = range;
-                let mut run = Run::resume(backend, c, state);
+                let mut run = Run::resume(subject, c, state);
                 let mut met = 0;
                 for _ in 0..12 {
                     let m = run.steps(50).moment();
