@@ -2,10 +2,11 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed unwrap fails the test")]
 
+use std::f64::consts::PI;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 use tempfile::TempDir;
 
 fn bench(cache: &Path, args: &[&str]) -> Output {
@@ -17,43 +18,110 @@ fn bench(cache: &Path, args: &[&str]) -> Output {
         .unwrap()
 }
 
+/// The result of a run that must succeed.
+fn measured(cache: &Path, args: &[&str]) -> Value {
+    let run = bench(cache, &[args, &["--json"]].concat());
+    assert_eq!(run.status.code(), Some(0), "{}", String::from_utf8_lossy(&run.stderr));
+    serde_json::from_slice(&run.stdout).unwrap()
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap()
+}
+
 #[test]
 fn a_tiny_bed_gives_rates_as_json_and_is_kept() {
     let folder = TempDir::new().unwrap();
     let file = folder.path().join("bench.json");
-    let args =
-        ["--sizes", "300,600", "--beds", "mono,poly", "--steps", "50", "--repeat", "2", "--threads", "1"];
-    let run = bench(folder.path(), &[&args[..], &["--json", "--out", file.to_str().unwrap()]].concat());
-    assert_eq!(run.status.code(), Some(0), "{}", String::from_utf8_lossy(&run.stderr));
-    let result: Value = serde_json::from_slice(&run.stdout).unwrap();
+    let args = ["--sizes", "300,600", "--beds", "mono,poly", "--flowing", "none", "--steps", "50"];
+    let more = ["--repeat", "2", "--threads", "1", "--out", file.to_str().unwrap()];
+    let result = measured(folder.path(), &[&args[..], &more].concat());
     assert_eq!(result["threads"], 1);
     let beds = result["beds"].as_array().unwrap();
     assert_eq!(beds.len(), 4);
     for bed in beds {
-        let rate = |key: &str| bed["particle_steps_per_second"][key].as_f64().unwrap();
+        let rate = |key: &str| number(&bed["particle_steps_per_second"][key]);
         assert!(
             0.0 < rate("min") && rate("min") <= rate("median") && rate("median") <= rate("max"),
             "{bed:#}"
         );
         assert_eq!(bed["particle_steps_per_second"]["all"].as_array().unwrap().len(), 2);
-        assert!(bed["bytes_per_particle"].as_f64().unwrap() > 0.0);
+        assert!(number(&bed["bytes_per_particle"]) > 0.0);
         // A bed, not a gas.
-        assert!(bed["coordination"].as_f64().unwrap() > 3.0, "{bed:#}");
-        let shares: f64 = bed["phases"].as_object().unwrap().values().map(|v| v.as_f64().unwrap()).sum();
+        assert!(number(&bed["coordination"]) > 3.0, "{bed:#}");
+        let shares: f64 = bed["phases"].as_object().unwrap().values().map(number).sum();
         assert!(0.0 < shares && shares <= 1.0, "{bed:#}");
         assert_eq!(bed["bed_from_cache"], false);
+        assert_eq!((&bed["mode"], &bed["rate_over_settled"]), (&json!("settled"), &Value::Null));
     }
     assert_eq!(serde_json::from_slice::<Value>(&std::fs::read(&file).unwrap()).unwrap(), result);
+    assert!(result["cost_exponent"]["settled"]["mono"].is_number());
 
-    let again = bench(
-        folder.path(),
-        &["--sizes", "300", "--beds", "poly", "--steps", "10", "--repeat", "1", "--json"],
-    );
-    let result: Value = serde_json::from_slice(&again.stdout).unwrap();
-    assert_eq!(result["beds"][0]["bed_from_cache"], true);
-    let table = bench(folder.path(), &["--sizes", "300", "--beds", "poly", "--steps", "10"]);
+    let settled = ["--sizes", "300", "--beds", "poly", "--flowing", "none", "--steps", "10"];
+    let again = measured(folder.path(), &settled);
+    assert_eq!(again["beds"][0]["bed_from_cache"], true);
+    let table = bench(folder.path(), &settled);
     let text = String::from_utf8_lossy(&table.stdout);
     assert!(text.contains("poly") && text.contains("million particle-steps/s"), "{text}");
+}
+
+#[test]
+fn a_flowing_bed_stands_below_its_settled_one_and_rebuilds_its_lists() {
+    let folder = TempDir::new().unwrap();
+    let args = ["--sizes", "100", "--beds", "mono,poly", "--flowing", "poly", "--steps", "300"];
+    let result = measured(folder.path(), &args);
+    let beds = result["beds"].as_array().unwrap();
+    let named: Vec<_> = beds.iter().map(|b| (b["bed"].as_str(), b["mode"].as_str())).collect();
+    let (mono, poly) = (Some("mono"), Some("poly"));
+    assert_eq!(named, [(mono, Some("settled")), (poly, Some("settled")), (poly, Some("flowing"))]);
+    let [settled, flowing] = [&beds[1], &beds[2]];
+    let rate = |bed: &Value| number(&bed["particle_steps_per_second"]["median"]);
+    assert_eq!(number(&flowing["rate_over_settled"]), rate(flowing) / rate(settled));
+    assert_eq!(flowing["lost"], 0);
+    // What the flowing row is for.
+    assert!(number(&flowing["steps_per_rebuild"]) <= 100.0, "{flowing:#}");
+    assert_eq!(flowing["radii_m"], settled["radii_m"]);
+    let drum = &flowing["drum"];
+    let (radius, rate) = (number(&drum["radius_m"]), number(&drum["rate_rad_per_s"]));
+    assert!((rate * rate * radius / 9.81 - 0.1).abs() < 1e-12, "{drum:#}");
+    // The same spheres fill about half of it, if their solid fraction is 0.57.
+    let solid = |r: f64| 4.0 / 3.0 * PI * r.powi(3);
+    let spheres = 100.0 * (solid(2.4e-3) + solid(1.6e-3)) / 2.0;
+    let filled = spheres / 0.57 / (PI * radius * radius * number(&drum["length_m"]));
+    assert!((0.4..0.6).contains(&filled), "{filled}");
+
+    let table = bench(folder.path(), &args);
+    let text = String::from_utf8_lossy(&table.stdout);
+    let row = text.lines().find(|l| l.contains("flowing")).unwrap();
+    assert!(text.contains("of settled") && row.contains('%'), "{text}");
+}
+
+#[test]
+fn beds_of_wide_gradings_tell_the_time_of_a_contact_beside_the_mono_beds() {
+    let folder = TempDir::new().unwrap();
+    let args = ["--sizes", "300", "--beds", "1:10,mono,1:3", "--flowing", "none", "--steps", "50"];
+    let result = measured(folder.path(), &args);
+    let beds = result["beds"].as_array().unwrap();
+    let time = |bed: &Value| number(&bed["ns_per_contact"]);
+    let mono = &beds[1];
+    for (bed, name, ratio) in [(&beds[0], "1:10", 10.0), (mono, "mono", 1.0), (&beds[2], "1:3", 3.0)] {
+        assert_eq!(bed["bed"], name);
+        let radii = &bed["radii_m"];
+        assert!((number(&radii[1]) / number(&radii[0]) - ratio).abs() < 1e-12);
+        assert!(time(bed) > 0.0 && number(&bed["coordination"]) > 3.0, "{bed:#}");
+        let over = number(&bed["time_per_contact_over_mono"]);
+        assert!((over - time(bed) / time(mono)).abs() < 1e-12, "{bed:#}");
+    }
+}
+
+#[test]
+fn beds_that_are_not_there_exit_with_2_and_a_list() {
+    let folder = TempDir::new().unwrap();
+    for option in ["--beds=1:4", "--flowing=slowly"] {
+        let run = bench(folder.path(), &[option]);
+        assert_eq!(run.status.code(), Some(2), "{option}");
+        assert!(String::from_utf8_lossy(&run.stderr).contains("1:10"), "{option}");
+    }
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The bed that is timed, and how it is settled once and kept.
+//! The bed that is timed, and how it is prepared once and kept.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status};
-use glebe_engine::generate::{FillRequest, GenerateError, Region, SizeDistribution, generate, solid_volume};
+use glebe_engine::generate::{FillRequest, GenerateError, Region, generate, solid_volume};
+use glebe_engine::lattice::cross;
 use glebe_engine::spec::{Domain, Side, Stage, Step, Time, Until, Vec3, WorldSpec};
 use glebe_engine::state::{StageResult, State};
 use glebe_engine::{Constants, SetupError, prepare};
@@ -16,42 +17,9 @@ use glebe_physics::{IntegratorKind, LawChoice, Material};
 use sha2::{Digest, Sha256};
 
 use super::BenchError;
+use super::drum::Drum;
+use super::grading::BedKind;
 use crate::cli::Ui;
-
-/// Sizes of a bed's particles.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum BedKind {
-    /// R = 2 mm, step 1e-5 s.
-    Mono,
-    /// R = 1.6 to 2.4 mm, evenly by number, step 9e-6 s.
-    Poly,
-}
-
-impl BedKind {
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Mono => "mono",
-            Self::Poly => "poly",
-        }
-    }
-
-    /// Least and largest radius \[m\].
-    fn radii(self) -> [f64; 2] {
-        match self {
-            Self::Mono => [2e-3; 2],
-            Self::Poly => [1.6e-3, 2.4e-3],
-        }
-    }
-
-    /// Time step \[s\].
-    pub fn step(self) -> f64 {
-        match self {
-            Self::Mono => 1e-5,
-            Self::Poly => 9e-6,
-        }
-    }
-}
 
 /// Solid fraction of the bed when it is made.
 const SOLID_FRACTION: f64 = 0.60;
@@ -60,6 +28,8 @@ const LOOSEST: f64 = 0.50;
 /// Height of the open-topped box over its width; the bed fills about a cube.
 const HEADROOM: f64 = 1.25;
 const SEED: u64 = 1;
+/// Gravity \[m/s²\].
+pub const GRAVITY: f64 = 9.81;
 /// Steps between samples.
 pub const SAMPLE_STEPS: u64 = 1000;
 /// Kinetic energy below which a bed counts as settled, over that of a fall of every particle by 2 mm (R of
@@ -70,21 +40,51 @@ const SETTLE_MOST: f64 = 0.2;
 /// Steps before timing: lists and caches warm up.
 pub const WARM_UP: u64 = 100;
 
+/// What a bed does while it is timed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// It rests in a box, so settled that lists hardly age.
+    Settled,
+    /// It flows in a rotating drum.
+    Flowing,
+}
+
+impl Mode {
+    /// Every mode.
+    pub const ALL: [Self; 2] = [Self::Settled, Self::Flowing];
+
+    /// Name in results.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Settled => "settled",
+            Self::Flowing => "flowing",
+        }
+    }
+}
+
 /// A bed.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bed {
     /// Sizes of its particles.
     pub kind: BedKind,
+    /// What it does.
+    pub mode: Mode,
     /// How many.
     pub count: usize,
 }
 
-/// A settled bed.
-pub struct Settled {
-    /// Its state after the stage in which it settled.
+/// A bed that can be timed.
+pub struct Prepared {
+    /// Its state after the stage that prepares it.
     pub state: State,
     /// Whether it was found in the cache.
     pub cached: bool,
+}
+
+impl std::fmt::Display for Bed {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} {} bed of {} particles", self.mode.name(), self.kind.name(), self.count)
+    }
 }
 
 impl Bed {
@@ -102,11 +102,15 @@ impl Bed {
     }
 
     fn radii(&self) -> Result<Vec<f64>, GenerateError> {
-        let [min, max] = self.kind.radii();
-        if min == max {
-            return Ok(vec![min; self.count]);
-        }
-        SizeDistribution::Uniform { min, max }.sample(self.count, SEED)
+        self.kind.spheres(self.count, SEED)
+    }
+
+    /// The drum that it flows in, if it does.
+    pub fn drum(&self) -> Result<Option<Drum>, GenerateError> {
+        Ok(match self.mode {
+            Mode::Settled => None,
+            Mode::Flowing => Some(Drum::about_half_full_of(&self.radii()?)),
+        })
     }
 
     /// Width of the box \[m\].
@@ -114,79 +118,100 @@ impl Bed {
         (solid_volume(radii) / SOLID_FRACTION).cbrt()
     }
 
-    /// The bed's world: it settles, warms up, and runs for `steps`. Its particles have the radii given and
+    /// Where the spheres are at first \[m\].
+    fn places(&self, radii: &[f64]) -> Result<Vec<Vec3>, GenerateError> {
+        match self.mode {
+            Mode::Settled => {
+                let width = Self::width(radii);
+                let region = Region::walled([0.0; 3], [width, width, HEADROOM * width]);
+                dense(FillRequest::new(region, radii, SEED))
+            }
+            Mode::Flowing => generate("rain", &Drum::about_half_full_of(radii).cloud(radii, SEED)),
+        }
+    }
+
+    /// The bed's world: it is prepared, warms up, and runs for `steps`. Its particles have the radii given and
     /// are where `place` puts them.
     fn world(&self, radii: &[f64], place: impl Fn(usize) -> Vec3, steps: u64, ledger: bool) -> WorldSpec {
-        let width = Self::width(radii);
-        let sides = [[Side::Wall; 2], [Side::Wall; 2], [Side::Wall, Side::Open]];
-        let domain = Domain::aligned([0.0; 3], [width, width, HEADROOM * width], sides, Some(0));
         let dt = self.kind.step();
         let time = Time { step: Step::Fixed(dt), integrator: IntegratorKind::Euler, force: false };
-        let mut world = WorldSpec::new(domain, time);
-        world.title = format!("{} bed of {}", self.kind.name(), self.count);
-        world.materials = vec![Self::material()];
-        world.contact.rolling = LawChoice::named("constant-torque");
-        world.gravity = [0.0, 0.0, -9.81];
-        world.sampling.series = SAMPLE_STEPS as f64 * dt;
-        world.sampling.energy_ledger = ledger;
-        for (i, r) in radii.iter().enumerate() {
-            world.particles.push(place(i), *r, 0);
-        }
-        let weight = solid_volume(radii) * Self::material().density * 9.81;
         let stage = |name: &str, kinetic_energy_below, at_most| Stage {
             name: name.to_owned(),
             until: Until { kinetic_energy_below, at_most: Some(at_most) },
             ..Stage::default()
         };
-        world.stages = vec![
-            stage("settle", Some(SETTLED * weight * 2e-3), SETTLE_MOST),
-            stage("warm up", None, WARM_UP as f64 * dt),
-            stage("timed", None, steps as f64 * dt),
-        ];
+        let drum = Drum::about_half_full_of(radii);
+        let (domain, surfaces, spin, first) = match self.mode {
+            Mode::Settled => {
+                let width = Self::width(radii);
+                let sides = [[Side::Wall; 2], [Side::Wall; 2], [Side::Wall, Side::Open]];
+                let domain = Domain::aligned([0.0; 3], [width, width, HEADROOM * width], sides, Some(0));
+                let weight = solid_volume(radii) * Self::material().density * GRAVITY;
+                let settle = stage("settle", Some(SETTLED * weight * 2e-3), SETTLE_MOST);
+                (domain, Vec::new(), [0.0; 3], settle)
+            }
+            // The grains turn with the drum from the start.
+            Mode::Flowing => {
+                (drum.domain(), vec![drum.surface()], drum.spin(), stage("develop", None, drum.develop()))
+            }
+        };
+        let mut world = WorldSpec::new(domain, time);
+        world.title = format!("{} bed of {}", self.kind.name(), self.count);
+        world.materials = vec![Self::material()];
+        world.contact.rolling = LawChoice::named("constant-torque");
+        world.gravity = [0.0, 0.0, -GRAVITY];
+        world.sampling.series = SAMPLE_STEPS as f64 * dt;
+        world.sampling.energy_ledger = ledger;
+        world.surfaces = surfaces;
+        for (i, r) in radii.iter().enumerate() {
+            let at = place(i);
+            world.particles.push_moving(at, *r, 0, cross(spin, at), spin);
+        }
+        world.stages =
+            vec![first, stage("warm up", None, WARM_UP as f64 * dt), stage("timed", None, steps as f64 * dt)];
         world
     }
 
-    /// Constants of the settled bed's world. They depend on radii and not on places, which are the state's.
+    /// Constants of the prepared bed's world. They depend on radii and not on places, which are the state's.
     pub fn constants(&self, steps: u64, ledger: bool) -> Result<Arc<Constants>, BenchError> {
         let radii = self.radii()?;
-        let middle = 0.5 * Self::width(&radii);
-        Ok(prepare(self.world(&radii, |_| [middle; 3], steps, ledger))?.0)
+        let inside = match self.mode {
+            Mode::Settled => [0.5 * Self::width(&radii); 3],
+            Mode::Flowing => [0.0; 3],
+        };
+        Ok(prepare(self.world(&radii, |_| inside, steps, ledger))?.0)
     }
 
-    /// The settled bed: from the folder `cache` if it is there, else made, and kept there.
-    pub fn settled(&self, cache: Option<&Path>, ui: &Ui) -> Result<Settled, BenchError> {
+    /// The bed, prepared: from the folder `cache` if it is there, else made, and kept there.
+    pub fn prepared(&self, cache: Option<&Path>, ui: &Ui) -> Result<Prepared, BenchError> {
         let key = self.key()?;
         let path = cache.map(|folder| folder.join(format!("{key}.glebe")));
         if let Some(state) = path.as_deref().and_then(|path| load(path, &key)) {
-            return Ok(Settled { state, cached: true });
+            return Ok(Prepared { state, cached: true });
         }
-        ui.note(&format!("settling the {} bed of {} particles", self.kind.name(), self.count));
-        let state = self.settle()?;
+        ui.note(&format!("preparing the {self}"));
+        let state = self.prepare()?;
         if let Some(path) = path {
             store(&path, key, &state)?;
         }
-        Ok(Settled { state, cached: false })
+        Ok(Prepared { state, cached: false })
     }
 
-    fn settle(&self) -> Result<State, BenchError> {
+    fn prepare(&self) -> Result<State, BenchError> {
         let radii = self.radii()?;
-        let width = Self::width(&radii);
-        let region = Region::walled([0.0; 3], [width, width, HEADROOM * width]);
-        let places = dense(FillRequest::new(region, &radii, SEED))?;
+        let places = self.places(&radii)?;
         let world = self.world(&radii, |i| places[i], 1, false);
         let mut batch = Batch::new(vec![world], Backend::Cpu).map_err(|(_, e): (usize, SetupError)| e)?;
         while batch.running() && batch.progress(0).stage == 0 {
             let Ok(()) = batch.advance(&mut Blind);
         }
         match batch.status(0) {
-            Status::Failed(_) => {
-                Err(BenchError::Stopped { count: self.count, status: batch.status(0).clone() })
-            }
+            Status::Failed(_) => Err(BenchError::Stopped { bed: *self, status: batch.status(0).clone() }),
             _ => Ok(batch.state(0)),
         }
     }
 
-    /// A digest of all that the settled bed depends on.
+    /// A digest of all that the prepared bed depends on.
     fn key(&self) -> Result<String, BenchError> {
         let plan = self.world(&self.radii()?, |_| [0.0; 3], 1, false);
         let what = format!("{} {SOLID_FRACTION} {SEED} {plan:?}", env!("CARGO_PKG_VERSION"));

@@ -1,11 +1,18 @@
-//! The benchmark: how many particle-steps a second this machine does on a settled bed.
+//! The benchmark: how many particle-steps a second this machine does.
 //!
-//! The bed is dense and random, in an open-topped box with frictional walls under gravity: Hertz-Mindlin
-//! contacts with truncated history and rolling friction. It is settled once and kept; then the same steps
-//! are timed again and again from the same state, with everything that a step needs in a real run:
-//! contacts, history, walls, rebuilds, and a sample every 1000 steps.
+//! A settled bed is dense and random, in an open-topped box with frictional walls under gravity: Hertz-Mindlin
+//! contacts with truncated history and rolling friction. It hardly needs new lists, so the same spheres are
+//! also timed while they flow in a rotating drum that they fill about half. Beds of wide gradings show what
+//! differences of size cost per contact.
+//!
+//! A bed is prepared once and kept; then the same steps are timed again and again from the same state, with
+//! everything that a step needs in a real run: contacts, history, walls, rebuilds, and a sample every 1000
+//! steps. Repeats of the beds of one size take turns, so that ratios between them hold on a machine that
+//! has other things to do.
 
 mod bed;
+mod drum;
+mod grading;
 mod report;
 mod timing;
 
@@ -18,25 +25,51 @@ use glebe_io::checkpoint::CheckpointError;
 use glebe_io::output::{OutputError, write_atomic};
 
 use crate::cli::Ui;
-use bed::Bed;
-pub use bed::BedKind;
+use bed::{Bed, Mode};
+pub use grading::BedKind;
+use timing::Row;
 
-/// Times settled beds on this machine: particle-steps per second
+/// Times settled and flowing beds on this machine: particle-steps per second
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "\
 Examples:
   glebe bench
   glebe bench --threads 1 --beds mono
+  glebe bench --sizes 50k --beds mono,1:3,1:10 --flowing none
   glebe bench --sizes 10k,100k,1M --repeat 5 --out bench.json
 
-The first run of a size settles its bed, which may take minutes; later ones find it in the cache.")]
+Settled beds are dense, random, in an open-topped box. A flowing bed has the same spheres in a
+closed drum, about half full, that turns at a Froude number of 0.1 and needs new lists often.
+
+Columns of the table:
+  rate        particle-steps a second, median of the repeats
+  spread      largest less smallest rate, over the median
+  steps/list  steps from one rebuild of the neighbour lists to the next
+  contacts    contacts of a particle
+  ns/contact  wall time of a step over the contacts in it, a pair counting once
+  of mono     ns/contact over that of the settled mono bed of as many particles
+  of settled  rate over that of the same spheres settled
+  bytes/p     memory per particle
+  lists ...   shares of the phases of a step in the wall time
+
+The first run of a size prepares its beds: minutes for 10k, half an hour for 50k on two cores.
+Later runs find them in the cache.")]
 pub struct BenchArgs {
     /// Numbers of particles; k and M stand for thousands and millions
     #[arg(long, value_name = "N,…", value_delimiter = ',', default_value = "10k,50k", value_parser = count)]
     pub sizes: Vec<usize>,
-    /// Sizes of particles: all equal, or 1 : 1.5
-    #[arg(long, value_name = "BED,…", value_delimiter = ',', value_enum, default_value = "mono,poly")]
+    /// Sizes of particles: all equal, or from 1 to 1.5, 3 or 10
+    #[arg(
+        long,
+        value_name = "BED,…",
+        value_delimiter = ',',
+        value_enum,
+        default_value = "mono,poly,1:3,1:10"
+    )]
     pub beds: Vec<BedKind>,
+    /// Which of the beds are also timed flowing, or none
+    #[arg(long, value_name = "BED,…", value_delimiter = ',', default_value = "mono,poly", value_parser = flowing)]
+    pub flowing: Vec<Flowing>,
     /// Steps timed in each repeat
     #[arg(long, value_name = "N", default_value_t = 2000, value_parser = clap::value_parser!(u64).range(1..))]
     pub steps: u64,
@@ -52,9 +85,22 @@ pub struct BenchArgs {
     /// Also writes the results as JSON into this file
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Neither takes nor keeps settled beds
+    /// Neither takes nor keeps prepared beds
     #[arg(long)]
     pub no_cache: bool,
+}
+
+/// A bed that is also timed flowing, or the word that stands for none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Flowing(Option<BedKind>);
+
+fn flowing(text: &str) -> Result<Flowing, String> {
+    if text == "none" {
+        return Ok(Flowing(None));
+    }
+    let kind = BedKind::ALL.into_iter().find(|kind| kind.name() == text);
+    kind.map(|kind| Flowing(Some(kind)))
+        .ok_or_else(|| format!("write {} or none", BedKind::ALL.map(BedKind::name).join(", ")))
 }
 
 /// `10k` and the like. At most what the engine numbers.
@@ -80,15 +126,15 @@ pub enum BenchError {
     #[error(transparent)]
     Setup(#[from] SetupError),
     /// The bed went wrong.
-    #[error("the bed of {count} particles is {status:?} where it should be done")]
+    #[error("the {bed} is {status:?} where it should be done")]
     Stopped {
-        /// Its size.
-        count: usize,
+        /// Which one.
+        bed: Bed,
         /// How it stands.
         status: Status,
     },
-    /// A settled bed could not be kept.
-    #[error("the settled bed cannot be kept (--no-cache goes without): {0}")]
+    /// A prepared bed could not be kept.
+    #[error("the prepared bed cannot be kept (--no-cache goes without): {0}")]
     Cache(#[from] CheckpointError),
     /// Results could not be written.
     #[error(transparent)]
@@ -98,29 +144,46 @@ pub enum BenchError {
     Threads(#[from] rayon::ThreadPoolBuildError),
 }
 
-/// Settles the beds asked for, or finds them settled, times them, and prints a table or JSON.
+/// Prepares the beds asked for, or finds them prepared, times them, and prints a table or JSON.
 ///
 /// # Errors
-/// Beds that cannot be made, settled, kept or run; results that cannot be written.
+/// Beds that cannot be made, prepared, kept or run; results that cannot be written.
 pub fn run(args: &BenchArgs, ui: &Ui) -> Result<(), BenchError> {
     let threads = args.threads.map_or(0, usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-    let cache = crate::run::default_bed_folder().filter(|_| !args.no_cache).map(|f| f.join("bench"));
-    let mut rows = Vec::new();
-    for &kind in &args.beds {
-        for &count in &args.sizes {
-            let bed = Bed { kind, count };
-            let row = pool.install(|| {
-                let settled = bed.settled(cache.as_deref(), ui)?;
-                timing::time(&bed, &settled, args, ui)
-            })?;
-            rows.push(row);
-        }
-    }
-    let value = pool.install(|| report::json(&rows, args));
+    let (value, table) = pool.install(|| {
+        let rows = measure(args, ui)?;
+        Ok::<_, BenchError>((report::json(&rows, args)?, report::table(&rows, args)))
+    })?;
     if let Some(path) = &args.out {
         write_atomic(path, |out| writeln!(out, "{value:#}"))?;
     }
-    ui.result(&value, &pool.install(|| report::table(&rows, args)));
+    ui.result(&value, &table);
     Ok(())
+}
+
+/// The rows of every size, each bed's flowing one below its settled one.
+fn measure(args: &BenchArgs, ui: &Ui) -> Result<Vec<Row>, BenchError> {
+    let cache = crate::run::default_bed_folder().filter(|_| !args.no_cache).map(|f| f.join("bench"));
+    let mut rows = Vec::new();
+    for &count in &args.sizes {
+        let beds = args.beds.iter().flat_map(|&kind| {
+            let flows = args.flowing.contains(&Flowing(Some(kind)));
+            let modes = Mode::ALL.into_iter().filter(move |mode| flows || *mode == Mode::Settled);
+            modes.map(move |mode| Bed { kind, mode, count })
+        });
+        let mut prepared = Vec::new();
+        for bed in beds {
+            let ready = bed.prepared(cache.as_deref(), ui)?;
+            prepared.push((Row::new(bed, &ready, args.steps), ready));
+        }
+        for repeat in 1..=args.repeat {
+            for (row, ready) in &mut prepared {
+                ui.note(&format!("timing the {}: {repeat} of {}", row.bed, args.repeat));
+                row.time(ready, args.ledger)?;
+            }
+        }
+        rows.extend(prepared.into_iter().map(|(row, _)| row));
+    }
+    Ok(rows)
 }

@@ -4,33 +4,58 @@ use std::fmt::Write as _;
 
 use serde_json::{Value, json};
 
-use super::BenchArgs;
-use super::bed::{Bed, BedKind, SAMPLE_STEPS, WARM_UP};
+use super::bed::{Bed, Mode, SAMPLE_STEPS, WARM_UP};
+use super::drum::FROUDE;
+use super::grading::BedKind;
 use super::timing::Row;
+use super::{BenchArgs, BenchError};
 use crate::validate::power_law;
 
-pub fn json(rows: &[Row], args: &BenchArgs) -> Value {
-    let beds = rows.iter().map(|r| {
-        json!({
+pub fn json(rows: &[Row], args: &BenchArgs) -> Result<Value, BenchError> {
+    let mut beds = Vec::new();
+    for r in rows {
+        let [least, largest] = r.range();
+        let drum = r.bed.drum()?.map(|drum| {
+            json!({
+                "radius_m": drum.radius,
+                "length_m": drum.length(),
+                "rate_rad_per_s": drum.rate(),
+                "froude": FROUDE,
+            })
+        });
+        beds.push(json!({
             "bed": r.bed.kind.name(),
+            "mode": r.bed.mode.name(),
             "particles": r.bed.count,
+            "lost": r.lost,
+            "radii_m": r.bed.kind.radii(),
+            "grading": r.bed.kind.grading(),
+            "drum": drum,
             "step_s": r.bed.kind.step(),
             "particle_steps_per_second": {
                 "median": r.median(),
-                "min": r.rates.first(),
-                "max": r.rates.last(),
+                "min": least,
+                "max": largest,
                 "all": r.rates,
             },
-            "phases": object(r.phases.iter().copied()),
+            "rate_over_settled": over_settled(rows, r),
+            "phases": object(r.shares()),
             "rebuilds": r.rebuilds,
+            "steps_per_rebuild": r.steps_per_rebuild(),
             "coordination": r.coordination,
+            "ns_per_contact": 1e9 * r.time_per_contact(),
+            "time_per_contact_over_mono": over_mono(rows, r),
             "bytes_per_particle": r.bytes_per_particle,
-            "settled_in_steps": r.settle_steps,
+            "prepared_in_steps": r.prepare_steps,
             "bed_from_cache": r.cached,
-        })
+        }));
+    }
+    let exponents = Mode::ALL.map(|mode| {
+        let fitted = exponents(rows).into_iter().filter(|fit| fit.1 == mode);
+        (mode.name().to_owned(), object(fitted.map(|(kind, _, p)| (kind.name(), p))))
     });
     let m = Bed::material();
-    json!({
+    Ok(json!({
         "version": env!("CARGO_PKG_VERSION"),
         "optimised": !cfg!(debug_assertions),
         "device": crate::run::device(),
@@ -46,13 +71,29 @@ pub fn json(rows: &[Row], args: &BenchArgs) -> Value {
             "laws": ["hertz", "mindlin", "constant-torque"],
             "material": m,
         },
-        "beds": beds.collect::<Vec<_>>(),
-        "cost_exponent": object(exponents(rows).into_iter().map(|(kind, p)| (kind.name(), p))),
-    })
+        "beds": beds,
+        "cost_exponent": exponents.into_iter().collect::<serde_json::Map<_, _>>(),
+    }))
 }
 
 fn object(entries: impl Iterator<Item = (&'static str, f64)>) -> Value {
     entries.map(|(name, value)| (name.to_owned(), json!(value))).collect::<serde_json::Map<_, _>>().into()
+}
+
+/// The row of the settled bed of that kind and as many particles as `r`.
+fn settled<'a>(rows: &'a [Row], kind: BedKind, r: &Row) -> Option<&'a Row> {
+    rows.iter().find(|s| s.bed == Bed { kind, mode: Mode::Settled, count: r.bed.count })
+}
+
+/// Of a flowing bed, its rate over that of the same spheres settled.
+fn over_settled(rows: &[Row], r: &Row) -> Option<f64> {
+    let settled = settled(rows, r.bed.kind, r).filter(|_| r.bed.mode == Mode::Flowing)?;
+    Some(r.median() / settled.median())
+}
+
+/// The time of a contact over that in the settled mono bed.
+fn over_mono(rows: &[Row], r: &Row) -> Option<f64> {
+    Some(r.time_per_contact() / settled(rows, BedKind::Mono, r)?.time_per_contact())
 }
 
 pub fn table(rows: &[Row], args: &BenchArgs) -> String {
@@ -74,48 +115,65 @@ pub fn table(rows: &[Row], args: &BenchArgs) -> String {
          particle-steps/s",
         args.steps, args.repeat
     ));
-    let phases: Vec<&str> = rows.first().map_or(Vec::new(), |r| r.phases.iter().map(|p| p.0).collect());
     let mut head = format!(
-        "{:<5} {:>10} {:>8} {:>7} {:>9} {:>8} {:>9}",
-        "bed", "particles", "rate", "spread", "rebuilds", "contacts", "bytes/p"
+        "{:<5} {:<8} {:>9} {:>7} {:>7} {:>10} {:>8} {:>10} {:>7} {:>10} {:>7}",
+        "bed",
+        "mode",
+        "particles",
+        "rate",
+        "spread",
+        "steps/list",
+        "contacts",
+        "ns/contact",
+        "of mono",
+        "of settled",
+        "bytes/p"
     );
-    for name in &phases {
-        let _ = write!(head, " {name:>12}");
+    for (name, _) in rows.first().map_or(&[][..], |r| &r.phases) {
+        let _ = write!(head, " {name:>11}");
     }
     line(format_args!("{head}"));
     for r in rows {
         let mut row = format!(
-            "{:<5} {:>10} {:>8.2} {:>6.1}% {:>9} {:>8.2} {:>9.0}",
+            "{:<5} {:<8} {:>9} {:>7.2} {:>6.1}% {:>10} {:>8.2} {:>10.1} {:>7} {:>10} {:>7.0}",
             r.bed.kind.name(),
+            r.bed.mode.name(),
             r.bed.count,
             1e-6 * r.median(),
             100.0 * r.spread(),
-            r.rebuilds,
+            shown(r.steps_per_rebuild(), |steps| format!("{steps:.0}")),
             r.coordination,
+            1e9 * r.time_per_contact(),
+            shown(over_mono(rows, r), |ratio| format!("{ratio:.2}")),
+            shown(over_settled(rows, r), |ratio| format!("{:.0}%", 100.0 * ratio)),
             r.bytes_per_particle
         );
-        for (_, share) in &r.phases {
-            let _ = write!(row, " {:>11.1}%", 100.0 * share);
+        for (_, share) in r.shares() {
+            let _ = write!(row, " {:>10.1}%", 100.0 * share);
         }
         line(format_args!("{row}"));
     }
-    for (kind, exponent) in exponents(rows) {
-        line(format_args!("{}: the cost of a step grows as N^{exponent:.3}", kind.name()));
+    for (kind, mode, exponent) in exponents(rows) {
+        line(format_args!("{} {}: the cost of a step grows as N^{exponent:.3}", mode.name(), kind.name()));
     }
     text
 }
 
+fn shown(value: Option<f64>, format: impl Fn(f64) -> String) -> String {
+    value.map_or_else(|| "-".to_owned(), format)
+}
+
 /// For beds of two or more sizes, the exponent p of `time of a step ∝ N^p`.
-fn exponents(rows: &[Row]) -> Vec<(BedKind, f64)> {
-    let kinds = [BedKind::Mono, BedKind::Poly];
-    let fitted = kinds.into_iter().map(|kind| {
-        let of_kind = || rows.iter().filter(|r| r.bed.kind == kind);
+fn exponents(rows: &[Row]) -> Vec<(BedKind, Mode, f64)> {
+    let beds = BedKind::ALL.into_iter().flat_map(|kind| Mode::ALL.map(|mode| (kind, mode)));
+    let fitted = beds.map(|(kind, mode)| {
+        let of_kind = || rows.iter().filter(|r| (r.bed.kind, r.bed.mode) == (kind, mode));
         let n: Vec<f64> = of_kind().map(|r| r.bed.count as f64).collect();
         let cost: Vec<f64> = of_kind().map(|r| r.bed.count as f64 / r.median()).collect();
-        (kind, power_law(&n, &cost))
+        (kind, mode, power_law(&n, &cost))
     });
     // One size, or the same twice, has no slope.
-    fitted.filter(|(_, p)| p.is_finite()).collect()
+    fitted.filter(|fit| fit.2.is_finite()).collect()
 }
 
 /// The processor's name where the system tells it, else its architecture.

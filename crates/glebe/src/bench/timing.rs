@@ -1,15 +1,14 @@
-//! Steps of a settled bed against the clock.
+//! Steps of a prepared bed against the clock.
 
 use std::time::Instant;
 
 use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Status};
 
-use super::bed::{Bed, Blind, Settled};
-use super::{BenchArgs, BenchError};
-use crate::cli::Ui;
+use super::BenchError;
+use super::bed::{Bed, Blind, Prepared};
 
-/// Stages of the bed's world after it has settled.
+/// Stages of the bed's world after it is prepared.
 const WARM: usize = 1;
 const TIMED: usize = 2;
 
@@ -17,78 +16,111 @@ const TIMED: usize = 2;
 pub struct Row {
     /// The bed.
     pub bed: Bed,
-    /// Whether it came settled from the cache.
+    /// Whether it came prepared from the cache.
     pub cached: bool,
-    /// Steps in which it settled.
-    pub settle_steps: u64,
-    /// Particle-steps a second of each repeat, ascending.
+    /// Steps in which it was prepared.
+    pub prepare_steps: u64,
+    /// Particle-steps a second of each repeat, in order.
     pub rates: Vec<f64>,
-    /// Phases, with their shares of the wall time of all repeats; the rest is sampling and what is between
-    /// phases.
+    /// Phases, with their seconds in all repeats.
     pub phases: Vec<(&'static str, f64)>,
-    /// Rebuilds of neighbour lists in the timed steps.
+    /// Wall time of all repeats \[s\].
+    pub wall: f64,
+    /// Steps of one repeat.
+    pub steps: u64,
+    /// Rebuilds of neighbour lists in them.
     pub rebuilds: u64,
-    /// Contacts per particle at the end.
+    /// Contacts of a particle at the end, each pair counted at both.
     pub coordination: f64,
+    /// Contacts that a step evaluates for each particle, at the end: each pair counts once.
+    pub contacts: f64,
+    /// Particles that have left the bed since it was made.
+    pub lost: usize,
     /// Memory that the engine counts per particle.
     pub bytes_per_particle: f64,
 }
 
 impl Row {
+    /// Nothing measured yet.
+    pub fn new(bed: Bed, prepared: &Prepared, steps: u64) -> Self {
+        Self {
+            bed,
+            cached: prepared.cached,
+            prepare_steps: prepared.state.progress.step,
+            rates: Vec::new(),
+            phases: Vec::new(),
+            wall: 0.0,
+            steps,
+            rebuilds: 0,
+            coordination: 0.0,
+            contacts: 0.0,
+            lost: 0,
+            bytes_per_particle: 0.0,
+        }
+    }
+
     /// Median rate \[particle-steps/s\].
     pub fn median(&self) -> f64 {
-        let n = self.rates.len();
-        0.5 * (self.rates[(n - 1) / 2] + self.rates[n / 2])
+        let mut rates = self.rates.clone();
+        rates.sort_by(f64::total_cmp);
+        let n = rates.len();
+        0.5 * (rates[(n - 1) / 2] + rates[n / 2])
+    }
+
+    /// Least and largest rate \[particle-steps/s\].
+    pub fn range(&self) -> [f64; 2] {
+        self.rates.iter().fold([f64::INFINITY, 0.0], |[lo, hi], r| [lo.min(*r), hi.max(*r)])
     }
 
     /// Largest less smallest rate, over the median.
     pub fn spread(&self) -> f64 {
-        (self.rates[self.rates.len() - 1] - self.rates[0]) / self.median()
+        let [least, largest] = self.range();
+        (largest - least) / self.median()
     }
-}
 
-/// Times the bed as often as asked for, each time from the same state.
-pub fn time(bed: &Bed, settled: &Settled, args: &BenchArgs, ui: &Ui) -> Result<Row, BenchError> {
-    let constants = bed.constants(args.steps, args.ledger)?;
-    let mut row = Row {
-        bed: *bed,
-        cached: settled.cached,
-        settle_steps: settled.state.progress.step,
-        rates: Vec::new(),
-        phases: Vec::new(),
-        rebuilds: 0,
-        coordination: 0.0,
-        bytes_per_particle: 0.0,
-    };
-    let mut wall = 0.0;
-    for repeat in 1..=args.repeat {
-        ui.note(&format!("timing the {} bed of {}: {repeat} of {}", bed.kind.name(), bed.count, args.repeat));
-        let mut batch = Batch::from_states(vec![(constants.clone(), settled.state.clone())], Backend::Cpu);
+    /// Phases, with their shares of the wall time; the rest is sampling and what is between phases.
+    pub fn shares(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        self.phases.iter().map(|(name, seconds)| (*name, seconds / self.wall))
+    }
+
+    /// Steps from one rebuild to the next, if there was one.
+    pub fn steps_per_rebuild(&self) -> Option<f64> {
+        (self.rebuilds > 0).then(|| self.steps as f64 / self.rebuilds as f64)
+    }
+
+    /// Wall time of a step over the contacts that it evaluates \[s\].
+    pub fn time_per_contact(&self) -> f64 {
+        1.0 / (self.median() * self.contacts)
+    }
+
+    /// Times the bed once more, from the same state as ever.
+    pub fn time(&mut self, prepared: &Prepared, ledger: bool) -> Result<(), BenchError> {
+        let constants = self.bed.constants(self.steps, ledger)?;
+        let mut batch = Batch::from_states(vec![(constants, prepared.state.clone())], Backend::Cpu);
         through(&mut batch, WARM);
         let (rebuilds, phases) = (batch.progress(0).rebuilds, batch.times(0).rows());
         let began = Instant::now();
         through(&mut batch, TIMED);
         let seconds = began.elapsed().as_secs_f64();
         if *batch.status(0) != Status::Done {
-            return Err(BenchError::Stopped { count: bed.count, status: batch.status(0).clone() });
+            return Err(BenchError::Stopped { bed: self.bed, status: batch.status(0).clone() });
         }
-        wall += seconds;
-        row.rates.push(batch.particles(0) as f64 * args.steps as f64 / seconds);
-        row.phases.resize(phases.len(), ("", 0.0));
-        for (sum, (before, now)) in row.phases.iter_mut().zip(phases.iter().zip(batch.times(0).rows())) {
+        let particles = batch.particles(0);
+        self.wall += seconds;
+        self.rates.push(particles as f64 * self.steps as f64 / seconds);
+        self.phases.resize(phases.len(), ("", 0.0));
+        for (sum, (before, now)) in self.phases.iter_mut().zip(phases.iter().zip(batch.times(0).rows())) {
             *sum = (now.0, sum.1 + now.1 - before.1);
         }
-        row.rebuilds = batch.progress(0).rebuilds - rebuilds;
+        self.rebuilds = batch.progress(0).rebuilds - rebuilds;
         let moment = batch.moment(0);
-        row.coordination =
-            (2 * moment.contacts + moment.surface_contacts) as f64 / batch.particles(0).max(1) as f64;
-        row.bytes_per_particle = batch.bytes_per_particle(0);
+        let each = |contacts: u64| contacts as f64 / particles.max(1) as f64;
+        self.coordination = each(2 * moment.contacts + moment.surface_contacts);
+        self.contacts = each(moment.contacts + moment.surface_contacts);
+        self.lost = batch.progress(0).lost.len();
+        self.bytes_per_particle = batch.bytes_per_particle(0);
+        Ok(())
     }
-    for phase in &mut row.phases {
-        phase.1 /= wall;
-    }
-    row.rates.sort_by(f64::total_cmp);
-    Ok(row)
 }
 
 /// To the end of a stage.

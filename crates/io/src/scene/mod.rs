@@ -42,6 +42,7 @@ pub use model::{
     StagePart,
 };
 pub use schema::schema;
+pub use shapes::drum_mesh;
 
 use check::{Checker, Known};
 use document::Node;

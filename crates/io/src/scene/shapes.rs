@@ -2,9 +2,9 @@
 
 use std::f64::consts::TAU;
 
-use glebe_engine::spec::Vec3;
+use glebe_engine::spec::{TriMesh, Vec3};
 
-use crate::mesh::Corners;
+use crate::mesh::{Corners, assemble};
 
 /// The twelve triangles of a box, seen from outside counter-clockwise.
 pub(super) fn cuboid(min: Vec3, max: Vec3) -> Vec<Corners> {
@@ -38,6 +38,12 @@ pub(super) fn drum(radius: f64, length: f64, axis: Vec3, segments: u32, ends: bo
     all
 }
 
+/// A drum of `radius` and `length` \[m\] about `axis` (unit), centred at the origin and closed at both ends, its
+/// shell of `segments` flat pieces (3 or more): the mesh of a scene's `geometry.<name>.drum`.
+pub fn drum_mesh(radius: f64, length: f64, axis: Vec3, segments: u32) -> TriMesh {
+    assemble(&drum(radius, length, axis, segments, true)).0
+}
+
 /// The wall of a funnel about z, from the outlet at z = 0 up.
 pub(super) fn hopper(outlet_radius: f64, top_radius: f64, height: f64, segments: u32) -> Vec<Corners> {
     let point = |i: u32, radius: f64, z: f64| {
@@ -65,7 +71,6 @@ fn unit(a: Vec3) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::assemble;
 
     #[test]
     fn closed_shapes_are_closed_with_normals_outwards() {

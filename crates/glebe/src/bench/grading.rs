@@ -1,0 +1,104 @@
+//! How large the spheres of a bed are.
+
+use glebe_engine::generate::{GenerateError, SizeDistribution};
+
+/// Sizes of a bed's particles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum BedKind {
+    /// R = 2 mm, step 1e-5 s.
+    Mono,
+    /// R = 1.6 to 2.4 mm, evenly by number, step 9e-6 s.
+    Poly,
+    /// R = 1 to 3 mm, equal volumes in equal ratios of size, step 5e-6 s.
+    #[value(name = "1:3")]
+    OneToThree,
+    /// R = 1 to 10 mm, equal volumes in equal ratios of size, step 5e-6 s.
+    #[value(name = "1:10")]
+    OneToTen,
+}
+
+impl BedKind {
+    /// Every kind.
+    pub const ALL: [Self; 4] = [Self::Mono, Self::Poly, Self::OneToThree, Self::OneToTen];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mono => "mono",
+            Self::Poly => "poly",
+            Self::OneToThree => "1:3",
+            Self::OneToTen => "1:10",
+        }
+    }
+
+    /// Least and largest radius \[m\].
+    pub fn radii(self) -> [f64; 2] {
+        match self {
+            Self::Mono => [2e-3; 2],
+            Self::Poly => [1.6e-3, 2.4e-3],
+            Self::OneToThree => [1e-3, 3e-3],
+            Self::OneToTen => [1e-3, 1e-2],
+        }
+    }
+
+    /// How radii are spread between the least and the largest.
+    pub fn grading(self) -> &'static str {
+        match self {
+            Self::Mono => "equal radii",
+            Self::Poly => "even by number",
+            Self::OneToThree | Self::OneToTen => "equal volumes in equal ratios of size",
+        }
+    }
+
+    /// Time step \[s\]: 25 to 29 % of the Rayleigh time of the smallest.
+    pub fn step(self) -> f64 {
+        match self {
+            Self::Mono => 1e-5,
+            Self::Poly => 9e-6,
+            Self::OneToThree | Self::OneToTen => 5e-6,
+        }
+    }
+
+    /// The radii of `count` spheres \[m\].
+    pub fn spheres(self, count: usize, seed: u64) -> Result<Vec<f64>, GenerateError> {
+        let [min, max] = self.radii();
+        match self {
+            Self::Mono => SizeDistribution::Constant(min).sample(count, seed),
+            Self::Poly => SizeDistribution::Uniform { min, max }.sample(count, seed),
+            Self::OneToThree | Self::OneToTen => Ok(equal_volumes(min, max, count)),
+        }
+    }
+}
+
+/// Radii such that every octave between `min` and `max` holds the same volume, so that small spheres are
+/// many and large ones are much: the number of radii above r falls as r⁻³. The radii are its quantiles in
+/// the middles of `count` equal parts, so that few spheres too have both ends.
+fn equal_volumes(min: f64, max: f64, count: usize) -> Vec<f64> {
+    let [most, least] = [min, max].map(|r: f64| r.powi(-3));
+    let share = |i: usize| (i as f64 + 0.5) / count as f64;
+    (0..count).map(|i| (most + share(i) * (least - most)).cbrt().recip()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wide_gradings_hold_equal_volumes_in_equal_ratios_of_size() {
+        for kind in [BedKind::OneToThree, BedKind::OneToTen] {
+            let [min, max] = kind.radii();
+            let radii = kind.spheres(100_000, 1).unwrap();
+            assert!(radii.iter().all(|r| (min..=max).contains(r)));
+            // Four classes, each from the same ratio of sizes.
+            let mut volumes = [0.0; 4];
+            for r in radii {
+                let class = 4.0 * (r / min).ln() / (max / min).ln();
+                volumes[class as usize] += r.powi(3);
+            }
+            let all: f64 = volumes.iter().sum();
+            for v in volumes {
+                assert!((v / all - 0.25).abs() < 5e-3, "{}: {volumes:?}", kind.name());
+            }
+        }
+    }
+}
