@@ -43,12 +43,14 @@ closed drum, about half full, that turns at a Froude number of 0.1 and needs new
 
 Columns of the table:
   rate        particle-steps a second, median of the repeats
+  best        largest rate of the repeats
   spread      largest less smallest rate, over the median
   steps/list  steps from one rebuild of the neighbour lists to the next
   contacts    contacts of a particle
   ns/contact  wall time of a step over the contacts in it, a pair counting once
   of mono     ns/contact over that of the settled mono bed of as many particles
-  of settled  rate over that of the same spheres settled
+  of settled  rate over that of the same spheres settled; both ratios are medians over repeats,
+              in which the beds of one size take turns
   bytes/p     memory per particle
   lists ...   shares of the phases of a step in the wall time
 

@@ -88,12 +88,12 @@ fn settled<'a>(rows: &'a [Row], kind: BedKind, r: &Row) -> Option<&'a Row> {
 /// Of a flowing bed, its rate over that of the same spheres settled.
 fn over_settled(rows: &[Row], r: &Row) -> Option<f64> {
     let settled = settled(rows, r.bed.kind, r).filter(|_| r.bed.mode == Mode::Flowing)?;
-    Some(r.median() / settled.median())
+    Some(r.rate_over(settled))
 }
 
 /// The time of a contact over that in the settled mono bed.
 fn over_mono(rows: &[Row], r: &Row) -> Option<f64> {
-    Some(r.time_per_contact() / settled(rows, BedKind::Mono, r)?.time_per_contact())
+    Some(r.time_per_contact_over(settled(rows, BedKind::Mono, r)?))
 }
 
 pub fn table(rows: &[Row], args: &BenchArgs) -> String {
@@ -116,11 +116,12 @@ pub fn table(rows: &[Row], args: &BenchArgs) -> String {
         args.steps, args.repeat
     ));
     let mut head = format!(
-        "{:<5} {:<8} {:>9} {:>7} {:>7} {:>10} {:>8} {:>10} {:>7} {:>10} {:>7}",
+        "{:<5} {:<8} {:>9} {:>7} {:>7} {:>7} {:>10} {:>8} {:>10} {:>7} {:>10} {:>7}",
         "bed",
         "mode",
         "particles",
         "rate",
+        "best",
         "spread",
         "steps/list",
         "contacts",
@@ -135,11 +136,12 @@ pub fn table(rows: &[Row], args: &BenchArgs) -> String {
     line(format_args!("{head}"));
     for r in rows {
         let mut row = format!(
-            "{:<5} {:<8} {:>9} {:>7.2} {:>6.1}% {:>10} {:>8.2} {:>10.1} {:>7} {:>10} {:>7.0}",
+            "{:<5} {:<8} {:>9} {:>7.2} {:>7.2} {:>6.1}% {:>10} {:>8.2} {:>10.1} {:>7} {:>10} {:>7.0}",
             r.bed.kind.name(),
             r.bed.mode.name(),
             r.bed.count,
             1e-6 * r.median(),
+            1e-6 * r.range()[1],
             100.0 * r.spread(),
             shown(r.steps_per_rebuild(), |steps| format!("{steps:.0}")),
             r.coordination,

@@ -61,10 +61,17 @@ impl Row {
 
     /// Median rate \[particle-steps/s\].
     pub fn median(&self) -> f64 {
-        let mut rates = self.rates.clone();
-        rates.sort_by(f64::total_cmp);
-        let n = rates.len();
-        0.5 * (rates[(n - 1) / 2] + rates[n / 2])
+        median(self.rates.clone())
+    }
+
+    /// Rate over that of `other`: the median over repeats, in which both took turns.
+    pub fn rate_over(&self, other: &Self) -> f64 {
+        median(self.rates.iter().zip(&other.rates).map(|(own, other)| own / other).collect())
+    }
+
+    /// Time per contact over that of `other`.
+    pub fn time_per_contact_over(&self, other: &Self) -> f64 {
+        other.contacts / (self.rate_over(other) * self.contacts)
     }
 
     /// Least and largest rate \[particle-steps/s\].
@@ -121,6 +128,12 @@ impl Row {
         self.bytes_per_particle = batch.bytes_per_particle(0);
         Ok(())
     }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    0.5 * (values[(n - 1) / 2] + values[n / 2])
 }
 
 /// To the end of a stage.
