@@ -45,7 +45,7 @@ pub fn laws(slot: Slot) -> &'static [LawInfo] {
 }
 
 /// The law of each slot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Laws {
     /// Normal force.
     pub normal: NormalLaw,

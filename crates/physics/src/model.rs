@@ -166,7 +166,7 @@ pub enum LawError {
 }
 
 /// The integration schemes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum IntegratorKind {
     /// Semi-implicit Euler: the new velocity moves the position (GPUDEM eq. 34-36). Default.

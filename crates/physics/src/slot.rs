@@ -6,17 +6,32 @@
 /// Laws are chosen by name, at run time, yet no contact pays for it: [`visit`] hands the law's type to
 /// a loop over contacts, which is compiled once per law.
 macro_rules! slot {
-    ($(#[$doc:meta])* $slot:ident: $kernel:ident { $($file:ident::$law:ident),* $(,)? }) => {
+    (
+        $(#[$doc:meta])* $slot:ident: $kernel:ident
+        { $($file:ident::$law:ident),* $(,)? }
+        fn $chosen:ident($k:ident: &$coefficients:ident $(, $argument:ident: $type:ident)*) -> $output:ty = $function:ident $call:tt;
+    ) => {
         $(pub mod $file;)*
         slot_enum! { $(#[$doc])* $slot: $kernel { $($file::$law),* } }
+
+        /// The function of the law that the kernel is specialised for.
+        #[cfg(feature = "gpu")]
+        #[cube]
+        pub fn $chosen(#[comptime] law: $slot, $k: &$coefficients $(, $argument: $type)*) -> $output {
+            match law { $($slot::$law => $file::$law::$function $call),* }
+        }
     };
 }
 
 /// The same for the f64 twin, whose modules `build.rs` has put in place.
 macro_rules! slot_enum {
-    ($(#[$doc:meta])* $slot:ident: $kernel:ident { $($file:ident::$law:ident),* $(,)? }) => {
+    (
+        $(#[$doc:meta])* $slot:ident: $kernel:ident
+        { $($file:ident::$law:ident),* $(,)? }
+        $($device:tt)*
+    ) => {
         $(#[$doc])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum $slot { $(
             #[doc = concat!("[`", stringify!($file), "::", stringify!($law), "`]")]
             $law

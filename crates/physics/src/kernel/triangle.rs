@@ -11,6 +11,10 @@ pub struct Closest {
     pub point: V3,
     /// 0: inside the face; 1, 2, 3: on the edge ab, bc, ca; 4, 5, 6: at the vertex a, b, c.
     pub feature: u32,
+    /// Weight of b - a in the point, from a.
+    pub s: f32,
+    /// Weight of c - a in the point, from a.
+    pub t: f32,
 }
 
 /// The point of the triangle (a, b, c) closest to the origin, which is the sphere's centre: vertices are
@@ -63,7 +67,7 @@ pub fn closest_to_origin(a: V3, b: V3, c: V3) -> Closest {
         s = 1.0f32 - t;
         feature = 2u32;
     }
-    Closest { point: plus(a, plus(scaled(ab, s), scaled(ac, t))), feature }
+    Closest { point: plus(a, plus(scaled(ab, s), scaled(ac, t))), feature, s, t }
 }
 
 /// The face's own foot of the origin, exact to rounding of the plane's distance: `n (n·a)` with n the unit

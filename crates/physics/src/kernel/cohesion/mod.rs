@@ -9,6 +9,7 @@ slot! {
         none::NoCohesion,
         constant::Constant,
     }
+    fn chosen_attraction(k: &Coefficients, c: Touch) -> Attraction = attraction(k, c);
 }
 
 /// An attractive force and its potential.

@@ -10,6 +10,7 @@ slot! {
         linear::Linear,
         hertz_stiffness::HertzStiffness,
     }
+    fn chosen_force(k: &Coefficients, c: Touch) -> NormalForce = force(k, c);
 }
 
 /// The force along the normal, positive in compression.

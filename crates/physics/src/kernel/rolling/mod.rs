@@ -12,6 +12,7 @@ slot! {
         chrono::ChronoTorque,
         gpudem::GpudemTorque,
     }
+    fn chosen_torques(k: &Coefficients, r: Roll) -> Torques = torques(k, r);
 }
 
 /// What a rolling law sees of a contact.

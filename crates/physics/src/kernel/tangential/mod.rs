@@ -16,6 +16,7 @@ slot! {
         linear::LinearTangential,
         hertz_stiffness::HertzStiffnessTangential,
     }
+    fn chosen_spring(k: &Coefficients, c: Touch, n: NormalForce) -> Spring = spring(k, c, n);
 }
 
 /// What a law with a spring remembers: the stretch ξ of body i relative to j, and whether it slips (0 or 1).
@@ -82,7 +83,10 @@ pub fn carried(stretch: V3, n: V3, twist: f32) -> V3 {
     let turned = plus(flat, scaled(cross(n, flat), twist));
     let old = dot(stretch, stretch);
     let new = dot(turned, turned);
-    scaled(turned, select(new > 0.0f32, f32::sqrt(old / new), 0.0f32))
+    // √(old/new) as 1 + x/(1 + √(1 + x)): devices whose roots and quotients are rounded carelessly would make the
+    // spring grow or shrink turn after turn.
+    let x = (old - new) / new;
+    scaled(turned, select(new > 0.0f32, 1.0f32 + x / (1.0f32 + f32::sqrt(1.0f32 + x)), 0.0f32))
 }
 
 /// One step of the tangential spring.
