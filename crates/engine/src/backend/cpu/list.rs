@@ -166,7 +166,7 @@ pub fn order(c: &Constants, p: &Particles, skin: f64) -> Vec<u32> {
     let key = |i: usize| -> Key {
         let level = level_of(f64::from(p.place[i].radius), c.radius_max);
         let cells = levels[usize::from(level)].cells;
-        let (hi, lo) = (p.hi[i], p.place[i].lo);
+        let (hi, lo) = (p.hi_ref[i], p.lo_ref[i]);
         let row = [1, 2].map(|k| cell(hi[k], lo[k], cells[k]));
         (level, row[1], row[0], Lattice::units(hi[0], lo[0]), p.id[i])
     };

@@ -196,6 +196,8 @@ impl World for CpuWorld {
         if g.stale {
             self.refer(g);
             g.stale = false;
+        } else {
+            self.arrange(g);
         }
         self.list(g, &Memory::Stored(&state.contacts, &state.surface_contacts));
     }
@@ -229,8 +231,6 @@ impl CpuWorld {
     /// Puts the particles in the order of lists and makes the present configuration their reference; returns the
     /// old index of each particle.
     fn refer(&mut self, g: &mut Progress) -> Vec<u32> {
-        let order = list::order(&self.c, &self.p, g.skin);
-        self.p.reorder(&order);
         self.p.hi_ref.clone_from(&self.p.hi);
         self.p.lo_ref.clear();
         self.p.lo_ref.extend(self.p.place.iter().map(|p| p.lo));
@@ -239,6 +239,14 @@ impl CpuWorld {
         }
         g.rebuilt = g.step;
         g.rebuilds += 1;
+        self.arrange(g)
+    }
+
+    /// Puts the particles in the order of lists of the reference configuration, if another backend left them in
+    /// its own; returns the old index of each.
+    fn arrange(&mut self, g: &Progress) -> Vec<u32> {
+        let order = list::order(&self.c, &self.p, g.skin);
+        self.p.reorder(&order);
         order
     }
 
