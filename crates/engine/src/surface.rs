@@ -156,6 +156,17 @@ impl Bvh {
         }))
     }
 
+    /// The nodes: lowest and highest corner, then for a leaf its first place in [`Self::order`] and its number
+    /// of triangles, for others the second child (the first follows its parent) and 0.
+    pub fn boxes(&self) -> impl Iterator<Item = (Vec3, Vec3, u32, u32)> {
+        self.nodes.iter().map(|n| (n.min, n.max, n.link, n.count))
+    }
+
+    /// The triangles in the order of the leaves.
+    pub fn order(&self) -> &[u32] {
+        &self.order
+    }
+
     /// Appends the triangles whose boxes come within `reach` of the body frame point `x`.
     pub fn near(&self, x: Vec3, reach: f64, found: &mut Vec<u32>) {
         let mut stack = [0_u32; 64];

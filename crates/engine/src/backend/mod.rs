@@ -2,6 +2,8 @@
 //! conformance suites (`tests/`) are written once and run on each.
 
 pub mod cpu;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod reference;
 
 mod common;
@@ -14,6 +16,25 @@ use serde::Serialize;
 use crate::failure::Failure;
 use crate::setup::Constants;
 use crate::state::{Progress, State};
+
+/// A device or a way to use one that is not there.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, thiserror::Error)]
+#[error("{what} cannot be used: {why}. What to do: {remedy}")]
+pub struct Unavailable {
+    /// What was looked for.
+    pub what: String,
+    /// Why it is not there.
+    pub why: String,
+    /// How to get it.
+    pub remedy: String,
+}
+
+impl Unavailable {
+    /// From its parts.
+    pub fn new(what: &str, why: impl Into<String>, remedy: &str) -> Self {
+        Self { what: what.to_owned(), why: why.into(), remedy: remedy.to_owned() }
+    }
+}
 
 /// A batch of worlds on a device.
 pub trait Fleet: Send {
@@ -124,6 +145,9 @@ pub enum Backend {
     Cpu,
     /// Every pair in f64, without lists: slow, and what the others are compared with.
     Reference,
+    /// A graphics processor.
+    #[cfg(feature = "gpu")]
+    Gpu(gpu::Accelerator),
 }
 
 impl Backend {
@@ -135,6 +159,29 @@ impl Backend {
         match self {
             Self::Cpu => "cpu",
             Self::Reference => "reference",
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) => "gpu",
+        }
+    }
+
+    /// What computes, for people.
+    pub fn device(self) -> String {
+        match self {
+            #[cfg(feature = "gpu")]
+            Self::Gpu(accelerator) => accelerator.name(),
+            host => format!("{} ({} threads)", host.name(), rayon::current_num_threads()),
+        }
+    }
+
+    /// Why a world cannot be run on the backend.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "the host runs any world"))]
+    pub fn refusal(self, constants: &Constants) -> Option<String> {
+        match self {
+            #[cfg(feature = "gpu")]
+            Self::Gpu(accelerator) => {
+                gpu::refusal(constants).or_else(|| accelerator.crowded(constants.count))
+            }
+            Self::Cpu | Self::Reference => None,
         }
     }
 
@@ -143,6 +190,8 @@ impl Backend {
         match self {
             Self::Cpu => Box::new(cpu::CpuFleet::new(worlds)),
             Self::Reference => Box::new(reference::ReferenceFleet::new(worlds)),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(accelerator) => accelerator.fleet(worlds),
         }
     }
 }

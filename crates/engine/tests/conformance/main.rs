@@ -26,50 +26,48 @@ mod restitution;
 mod support;
 
 macro_rules! tests {
-    ($subject:expr; $($file:ident::$test:ident),* $(,)?) => {
-        $(
-            #[test]
-            fn $test() {
-                crate::$file::$test(&$subject);
+    ($subject:expr, $attributes:tt; $($file:ident::$test:ident),* $(,)?) => {
+        $(test!($attributes $subject, $file, $test);)*
+    };
+}
+
+macro_rules! test {
+    ({$($attribute:tt)*} $subject:expr, $file:ident, $test:ident) => {
+        $($attribute)*
+        #[test]
+        fn $test() {
+            if let Some(subject) = $subject {
+                crate::$file::$test(subject);
             }
-        )*
+        }
     };
 }
 
 /// The physics that any backend has to get right.
 macro_rules! backend_suite {
-    ($module:ident, $subject:expr) => {
+    ($module:ident, $subject:expr, $slow:tt) => {
         mod $module {
-            tests! { $subject;
+            tests! { $subject, {};
                 conservation::momentum_of_an_isolated_cloud,
                 frames::a_boost_changes_nothing,
                 frames::a_rotation_changes_nothing,
                 frames::a_translation_changes_nothing,
                 frames::a_sheared_cell_changes_nothing,
-                laws::a_contact_is_born_without_memory,
                 laws::force_is_the_slope_of_energy,
-                laws::dissipation_is_not_negative,
                 laws::a_contact_that_turns_keeps_its_force,
-                restitution::restitution_equals_e,
-                friction::total_force_stays_below_the_cap,
                 friction::a_sphere_slides_until_it_rolls,
                 friction::rolling_resistance_stops_a_sphere,
                 friction::a_block_slides_and_sticks,
-                floor::any_triangulation_is_one_plane,
                 floor::a_floor_of_one_period_is_a_plane,
-                floor::a_convex_edge_acts_once,
                 floor::concave_corners_act_on_each_side,
                 floor::a_plane_ends_where_it_ends,
-                reach::what_does_not_touch_does_not_press,
                 leaving::leavers_take_their_springs_along,
                 leaving::trimmed_particles_take_their_springs_along,
                 periodic::a_blade_is_felt_however_far_it_goes,
                 periodic::the_ledger_closes_through_seams,
-                convergence::orders_of_the_integrators,
                 precision::creep_is_not_lost,
                 precision::resting_overlap,
                 precision::a_packing_at_50_pa_stays_at_rest,
-                energy::the_ledger_closes,
                 energy::an_elastic_gas_keeps_its_energy,
                 energy::a_changing_stiffness_is_accounted,
                 energy::surfaces_account_for_momentum_and_work,
@@ -79,24 +77,42 @@ macro_rules! backend_suite {
                 bits::leavers_are_listed,
                 guards::a_world_that_goes_wrong_stops_alone,
             }
+            // Many laws, or many steps.
+            tests! { $subject, $slow;
+                laws::a_contact_is_born_without_memory,
+                laws::dissipation_is_not_negative,
+                restitution::restitution_equals_e,
+                friction::total_force_stays_below_the_cap,
+                floor::any_triangulation_is_one_plane,
+                floor::a_convex_edge_acts_once,
+                convergence::orders_of_the_integrators,
+                energy::the_ledger_closes,
+                reach::what_does_not_touch_does_not_press,
+            }
         }
     };
 }
 
 /// What a backend has to have in common with the reference, and the bits that its threads may not change.
 macro_rules! agreement_suite {
-    ($module:ident, $subject:expr) => {
+    ($module:ident, $subject:expr, $slow:tt) => {
         mod $module {
-            tests! { $subject;
-                agreement::one_step_forces_equal_the_reference,
+            tests! { $subject, {};
                 agreement::short_trajectories_equal_the_reference,
                 precision::forces_of_a_packing_at_50_pa_equal_the_reference,
                 bits::threads_change_no_bit,
+            }
+            tests! { $subject, $slow;
+                agreement::one_step_forces_equal_the_reference,
             }
         }
     };
 }
 
-backend_suite!(cpu, crate::support::CPU);
-backend_suite!(reference, crate::support::REFERENCE);
-agreement_suite!(cpu_against_reference, crate::support::CPU);
+backend_suite!(cpu, Some(&crate::support::CPU), {});
+backend_suite!(reference, Some(&crate::support::REFERENCE), {});
+agreement_suite!(cpu_against_reference, Some(&crate::support::CPU), {});
+#[cfg(feature = "gpu")]
+backend_suite!(gpu, crate::support::gpu(), { #[ignore = "minutes on a software device: for hardware, with --include-ignored"] });
+#[cfg(feature = "gpu")]
+agreement_suite!(gpu_against_reference, crate::support::gpu(), { #[ignore = "minutes on a software device: for hardware, with --include-ignored"] });

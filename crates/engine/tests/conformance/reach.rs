@@ -2,13 +2,16 @@
 
 use std::sync::Arc;
 
+use glebe_engine::lattice::{norm, sub};
 use glebe_engine::prepare;
-use glebe_engine::spec::{Pose, WorldSpec};
+use glebe_engine::spec::{Pose, Vec3, WorldSpec};
 use glebe_physics::{ContactEnd, ContactModel, History};
 
 use crate::support::{Random, Run, Subject, each_law, grain, label, mesh, open_world, plane, rectangle};
 
 const RADIUS: f64 = 1e-3;
+/// What the order of sums may change, as a share of places, velocities, spins and forces.
+const ORDER: f64 = 1e-5;
 
 /// Grains that bounce on each other, on a plane and on a mesh.
 fn bouncing(contact: ContactModel) -> WorldSpec {
@@ -28,7 +31,8 @@ fn bouncing(contact: ContactModel) -> WorldSpec {
 }
 
 /// Springs, dashpots, friction and rolling resistance act in touch only, and cohesion as far as its own range:
-/// where another pair of materials reaches farther, the motion stays the same, bit for bit.
+/// where another pair of materials reaches farther, the motion stays the same, bit for bit where the lists' reach does
+/// not change the order of sums.
 pub fn what_does_not_touch_does_not_press(subject: &Subject) {
     for mut contact in each_law() {
         for (end, history) in
@@ -45,18 +49,25 @@ pub fn what_does_not_touch_does_not_press(subject: &Subject) {
                     let m = run.steps(50).moment();
                     met += m.contacts + m.surface_contacts;
                 }
-                let bodies: Vec<_> = run
-                    .bodies()
-                    .iter()
-                    .map(|b| [b.x, b.v, b.w, b.force].map(|x| x.map(f64::to_bits)))
-                    .collect();
+                let bodies: Vec<_> = run.bodies().iter().map(|b| [b.x, b.v, b.w, b.force]).collect();
                 (bodies, met, run.g.ledger.dissipated())
             };
             let (near, met, lost) = motion(0.0);
             let (far, met_afar, lost_afar) = motion(0.3 * RADIUS);
             assert!(met > 10 && met_afar > 2 * met, "{name}: {met} and {met_afar} contacts");
-            assert_eq!(near, far, "{name}");
-            assert!((lost_afar / lost - 1.0).abs() < 1e-9, "{name}: {lost:e} and {lost_afar:e} J dissipated");
+            if subject.exact_reach {
+                let bits = |bodies: &[[Vec3; 4]]| -> Vec<_> {
+                    bodies.iter().map(|b| b.map(|x| x.map(f64::to_bits))).collect()
+                };
+                assert_eq!(bits(&near), bits(&far), "{name}");
+            }
+            for (a, b) in near.iter().flatten().zip(far.iter().flatten()) {
+                assert!(norm(sub(*a, *b)) <= ORDER * norm(*a), "{name}: {a:?} and {b:?}");
+            }
+            assert!(
+                (lost_afar / lost - 1.0).abs() < if subject.exact_reach { 1e-9 } else { ORDER },
+                "{name}: {lost:e} and {lost_afar:e} J dissipated"
+            );
         }
     }
 }

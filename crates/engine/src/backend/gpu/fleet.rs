@@ -1,0 +1,1499 @@
+//! Batches of worlds on a device.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::Instant;
+
+use cubecl::prelude::*;
+use glebe_physics::IntegratorKind;
+
+use super::device::{Buffer, Device, QUAD, grid};
+use super::layout::{
+    BLOCK, FACET_WORDS, LOOK, MERGED, NONE, PAIR_QUADS, REFER, RELIST, SIGHTS, SLICE, SLOTS, SUMS, Signature,
+    boundary, flag, halt, status,
+};
+use super::step::Purpose;
+use super::tables::{Meshes, Poses, Region, Rooms, cell_room, pair_quads, status_row, world_row};
+use super::{lists, rows, scan, step};
+use crate::backend::common::{Portrait, outside, overlap_failure, runaway_failure, too_deep, unload};
+use crate::backend::cpu::CpuFleet;
+use crate::backend::{Detail, Fleet, Job, Moment, PhaseTimes};
+use crate::failure::Failure;
+use crate::setup::Constants;
+use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
+
+/// Most steps between two looks at a world by the host.
+const STRETCH: u64 = 1024;
+/// Stretches of so few steps are attended: lists are rebuilt only when they have to be.
+const ATTENDED: u64 = 16;
+/// Launches of steps before lists are looked after, at first.
+const GROUP: u32 = 24;
+
+/// Worlds on a device.
+pub struct GpuFleet<R: Runtime> {
+    device: Device<R>,
+    groups: Vec<Group>,
+    /// Group and place in it of each world.
+    at: Vec<(usize, usize)>,
+}
+
+/// Worlds that run the same kernels.
+struct Group {
+    signature: Signature,
+    worlds: Vec<Arc<Constants>>,
+    regions: Vec<Region>,
+    /// Particles in each world.
+    counts: Vec<usize>,
+    states: Vec<u32>,
+    /// Progress of each world when it was last put or ran.
+    last: Vec<Progress>,
+    padded: u32,
+    cells: u32,
+    rooms: [u32; 3],
+    bound_rows: Vec<u32>,
+    /// Launches of steps between two looks at lists.
+    launches: u32,
+    b: Buffers,
+    times: PhaseTimes,
+}
+
+struct Buffers {
+    world_of: Buffer,
+    world_of_cell: Buffer,
+    worlds: Buffer,
+    states: Buffer,
+    flags: Buffer,
+    pairs: Buffer,
+    place: Buffer,
+    vel: Buffer,
+    spin: Buffer,
+    own: Buffer,
+    refs: Buffer,
+    slow: Buffer,
+    lists: Buffer,
+    nbr: Buffer,
+    hist: Buffer,
+    bounds: Buffer,
+    poses: Buffer,
+    tris: Buffer,
+    verts: Buffer,
+    nodes: Buffer,
+    ordered: Buffer,
+    rows: Buffer,
+    facets: Buffer,
+    row_count: Buffer,
+    row_mem: Buffer,
+    push: Buffer,
+    row_sums: Buffer,
+    sums: Buffer,
+    sights: Buffer,
+    series: Buffer,
+    bins: Buffer,
+    counters: Buffer,
+    starts: Buffer,
+    order: Buffer,
+    renamed: Buffer,
+    widths: Buffer,
+    width_starts: Buffer,
+    near_count: Buffer,
+    near_flag: Buffer,
+    row_starts: Buffer,
+    facet_starts: Buffer,
+    totals: Buffer,
+}
+
+/// What kernels are specialised for in a world.
+fn signature(c: &Constants, fused: bool) -> Signature {
+    Signature {
+        laws: c.laws,
+        integrator: c.spec.time.integrator,
+        ledger: c.spec.sampling.energy_ledger,
+        surfaces: !c.boundaries.is_empty(),
+        damping: c.spec.local_damping > 0.0,
+        merged: c.count <= MERGED,
+        orthogonal: c.lattice.orthogonal,
+        fused,
+    }
+}
+
+impl<R: Runtime> GpuFleet<R> {
+    /// Takes worlds in.
+    pub fn new(client: ComputeClient<R>, worlds: Vec<(Arc<Constants>, &mut State)>) -> Self {
+        let mut device = Device::new(client);
+        let fused = device.fuses();
+        let mut order: Vec<Signature> = Vec::new();
+        let mut at = Vec::with_capacity(worlds.len());
+        let mut members: Vec<Vec<(Arc<Constants>, &mut State)>> = Vec::new();
+        for (c, state) in worlds {
+            let s = signature(&c, fused);
+            let g = order.iter().position(|o| *o == s).unwrap_or_else(|| {
+                order.push(s);
+                members.push(Vec::new());
+                order.len() - 1
+            });
+            at.push((g, members[g].len()));
+            members[g].push((c, state));
+        }
+        let groups = members
+            .into_iter()
+            .zip(order)
+            .map(|(mut worlds, signature)| {
+                let rooms = worlds.iter().map(|(c, s)| first_rooms(c, s.particles.len())).collect();
+                Group::new(&mut device, signature, &mut worlds, rooms)
+            })
+            .collect();
+        Self { device, groups, at }
+    }
+}
+
+/// A guess at what a world needs room for; a rebuild that needs more is repeated with more.
+fn first_rooms(c: &Constants, count: usize) -> Rooms {
+    let n = count.max(1) as u32;
+    let surfaces = !c.boundaries.is_empty();
+    Rooms {
+        lists: 16 * n.next_multiple_of(BLOCK),
+        rows: if surfaces { n.min(4096 + n / 8).next_multiple_of(BLOCK) } else { BLOCK },
+        facets: if surfaces { 4 * n.min(4096 + n / 8) } else { 1 },
+    }
+}
+
+impl<R: Runtime> Fleet for GpuFleet<R> {
+    fn advance(&mut self, jobs: &mut [Job<'_>]) {
+        for g in 0..self.groups.len() {
+            let mut mine: Vec<(usize, &mut Job<'_>)> = jobs
+                .iter_mut()
+                .filter(|j| self.at[j.world].0 == g)
+                .map(|j| (self.at[j.world].1, j))
+                .collect();
+            let group = &mut self.groups[g];
+            let mut left: Vec<u64> = mine.iter().map(|(_, j)| j.steps).collect();
+            while left.iter().any(|&n| n > 0) && self.device.broken.is_none() {
+                group.stretch(&mut self.device, &mut mine, &mut left);
+            }
+        }
+        if let Some(why) = &self.device.broken {
+            for job in jobs {
+                let g = &job.progress;
+                job.outcome = Err(Failure {
+                    time: 0.0,
+                    step: g.step,
+                    what: format!("the device failed: {why}"),
+                    cause: "the driver was reset, the device was lost or its memory ran out; files written so far \
+                            are complete, go on from the last checkpoint"
+                        .to_owned(),
+                });
+            }
+        }
+    }
+
+    fn observe(&mut self, world: usize, progress: &Progress) -> Moment {
+        let (g, w) = self.at[world];
+        let group = &mut self.groups[g];
+        group.observe(&mut self.device, w, progress)
+    }
+
+    fn detail(&mut self, world: usize, progress: &Progress) -> Detail {
+        // Frames are rare: the host looks at contacts one by one.
+        let mut state = self.state(world, progress);
+        let (g, w) = self.at[world];
+        let mut host = CpuFleet::new(vec![(self.groups[g].worlds[w].clone(), &mut state)]);
+        let mut detail = host.detail(0, progress);
+        // The host has its own order of particles.
+        let theirs = host.state(0, progress).particles.id;
+        let count: HashMap<u32, u32> = theirs.into_iter().zip(detail.coordination).collect();
+        detail.coordination =
+            state.particles.id.iter().map(|id| count.get(id).copied().unwrap_or_default()).collect();
+        detail
+    }
+
+    fn state(&self, world: usize, progress: &Progress) -> State {
+        let (g, w) = self.at[world];
+        let mut device = Device::new(self.device.client().clone());
+        self.groups[g].state(&mut device, w, progress)
+    }
+
+    fn load(&mut self, world: usize, state: &mut State) {
+        let (g, w) = self.at[world];
+        let group = &mut self.groups[g];
+        group.put(&self.device, w, state);
+        if let Some(needs) = group.relist(&mut self.device, &mut [(w, state)]) {
+            group.regrow(&mut self.device, needs, w, state);
+        }
+    }
+
+    fn times(&self, world: usize) -> PhaseTimes {
+        self.groups[self.at[world].0].times
+    }
+
+    fn bytes_per_particle(&self, world: usize) -> f64 {
+        let group = &self.groups[self.at[world].0];
+        group.b.bytes() as f64 / group.counts.iter().sum::<usize>().max(1) as f64
+    }
+}
+
+impl Buffers {
+    fn all(&self) -> [&Buffer; 42] {
+        [
+            &self.world_of,
+            &self.world_of_cell,
+            &self.worlds,
+            &self.states,
+            &self.flags,
+            &self.pairs,
+            &self.place,
+            &self.vel,
+            &self.spin,
+            &self.own,
+            &self.refs,
+            &self.slow,
+            &self.lists,
+            &self.nbr,
+            &self.hist,
+            &self.bounds,
+            &self.poses,
+            &self.tris,
+            &self.verts,
+            &self.nodes,
+            &self.ordered,
+            &self.rows,
+            &self.facets,
+            &self.row_count,
+            &self.row_mem,
+            &self.push,
+            &self.row_sums,
+            &self.sums,
+            &self.sights,
+            &self.series,
+            &self.bins,
+            &self.counters,
+            &self.starts,
+            &self.order,
+            &self.renamed,
+            &self.widths,
+            &self.width_starts,
+            &self.near_count,
+            &self.near_flag,
+            &self.row_starts,
+            &self.facet_starts,
+            &self.totals,
+        ]
+    }
+
+    fn bytes(&self) -> usize {
+        self.all().iter().map(|b| b.bytes()).sum()
+    }
+}
+
+/// A world of a group and what its rebuild had no room for: entries, rows, facets.
+type Need = (usize, [u32; 3]);
+
+impl Group {
+    fn new<R: Runtime>(
+        device: &mut Device<R>,
+        signature: Signature,
+        worlds: &mut [(Arc<Constants>, &mut State)],
+        mut rooms: Vec<Rooms>,
+    ) -> Self {
+        loop {
+            let mut group = Self::allocate(device, signature, worlds, &rooms);
+            for w in 0..worlds.len() {
+                group.put(device, w, worlds[w].1);
+            }
+            let mut states: Vec<(usize, &mut State)> =
+                worlds.iter_mut().enumerate().map(|(w, (_, s))| (w, &mut **s)).collect();
+            let Some(needs) = group.relist(device, &mut states) else { return group };
+            if device.broken.is_some() {
+                return group;
+            }
+            for need in needs {
+                widen(&mut rooms, need);
+            }
+        }
+    }
+
+    /// Lays worlds out and takes memory.
+    fn allocate<R: Runtime>(
+        device: &Device<R>,
+        signature: Signature,
+        worlds: &[(Arc<Constants>, &mut State)],
+        rooms: &[Rooms],
+    ) -> Self {
+        let (mut padded, mut cells, mut begins) = (0_u32, 0_u32, [0_u32; 3]);
+        let (mut pairs, mut boundaries) = (0_u32, 0_u32);
+        let mut regions = Vec::new();
+        let (mut quads, mut meshes) = (Vec::new(), Meshes::default());
+        for ((c, state), room) in worlds.iter().zip(rooms) {
+            let count = state.particles.len();
+            let region = Region {
+                first: padded,
+                blocks: (count.max(1) as u32).div_ceil(BLOCK),
+                cells,
+                cell_room: cell_room(c, count),
+                begins,
+                rooms: *room,
+                pairs,
+                boundaries,
+            };
+            padded += region.blocks * BLOCK;
+            cells += region.cell_room;
+            begins[0] += room.lists;
+            begins[1] += room.rows;
+            begins[2] += room.facets;
+            pairs += c.pairs.len() as u32;
+            boundaries += c.boundaries.len() as u32;
+            quads.extend(pair_quads(c));
+            meshes.add(c);
+            regions.push(region);
+        }
+        debug_assert_eq!(quads.len(), (pairs * PAIR_QUADS) as usize);
+        let per = |blocks: &dyn Fn(&Region) -> u32| -> Vec<u32> {
+            regions.iter().enumerate().flat_map(|(w, r)| vec![w as u32; blocks(r) as usize]).collect()
+        };
+        let n = padded as usize;
+        let [entries, row_room, facet_room] = begins.map(|x| x as usize);
+        let b = Buffers {
+            world_of: device.upload(&[per(&|r| r.blocks), per(&|r| r.rooms.rows / BLOCK)].concat()),
+            world_of_cell: device.upload(&per(&|r| r.cell_room / BLOCK)),
+            worlds: device.zeros(1, 4),
+            states: device.zeros(worlds.len() * status::WORDS as usize, 4),
+            flags: device.zeros(worlds.len() * flag::WORDS as usize, 4),
+            pairs: device.upload(&quads),
+            place: device.zeros(2 * n, QUAD),
+            vel: device.zeros(2 * n, QUAD),
+            spin: device.zeros(2 * n, QUAD),
+            own: device.zeros(4 * n, QUAD),
+            refs: device.zeros(4 * n, QUAD),
+            slow: device.zeros(6 * n, QUAD),
+            lists: device.zeros(2 * n + 2 * n / SLICE as usize, 4),
+            nbr: device.zeros(2 * entries, 4),
+            hist: device.zeros(2 * entries, QUAD),
+            bounds: device.upload(&meshes.rows),
+            poses: device.zeros(1, 4),
+            tris: device.upload(&meshes.triangles),
+            verts: device.upload(&meshes.vertices),
+            nodes: device.upload(&meshes.nodes),
+            ordered: device.upload(&meshes.order),
+            rows: device.zeros(2 * n + 6 * row_room, 4),
+            facets: device.zeros(2 * FACET_WORDS as usize * facet_room, 4),
+            row_count: device.zeros(2 * row_room, 4),
+            row_mem: device.zeros(4 * row_room * SLOTS as usize, QUAD),
+            push: device.zeros(2 * row_room * SLOTS as usize, QUAD),
+            row_sums: device
+                .zeros(if signature.merged { 1 } else { (row_room + 1) * step::ROW_QUADS as usize }, QUAD),
+            sums: device.zeros(1, 4),
+            sights: device.zeros((n + row_room) / BLOCK as usize * SIGHTS as usize, 4),
+            series: device.zeros(1, 4),
+            bins: device.zeros(n, 4),
+            counters: device.zeros(cells as usize, 4),
+            starts: device.zeros(cells as usize + 1, 4),
+            order: device.zeros(n, 4),
+            renamed: device.zeros(n, 4),
+            widths: device.zeros(n / SLICE as usize, 4),
+            width_starts: device.zeros(n / SLICE as usize + 1, 4),
+            near_count: device.zeros(n, 4),
+            near_flag: device.zeros(n, 4),
+            row_starts: device.zeros(n + 1, 4),
+            facet_starts: device.zeros(n + 1, 4),
+            totals: device.zeros((n.max(cells as usize) / scan::TILE as usize) + 2, 4),
+        };
+        Self {
+            signature,
+            worlds: worlds.iter().map(|(c, _)| c.clone()).collect(),
+            states: vec![0; worlds.len() * status::WORDS as usize],
+            counts: vec![0; worlds.len()],
+            last: vec![Progress::default(); worlds.len()],
+            regions,
+            padded,
+            cells,
+            rooms: begins,
+            bound_rows: meshes.rows,
+            launches: GROUP,
+            b,
+            times: PhaseTimes::default(),
+        }
+    }
+
+    fn state_word(&self, w: usize, k: u32) -> u32 {
+        self.states[w * status::WORDS as usize + k as usize]
+    }
+
+    fn set_state(&mut self, w: usize, k: u32, x: u32) {
+        self.states[w * status::WORDS as usize + k as usize] = x;
+    }
+
+    /// Copies a state into the first halves of the world's columns; its lists are still to be made.
+    fn put<R: Runtime>(&mut self, device: &Device<R>, w: usize, state: &State) {
+        let region = self.regions[w];
+        let p = &state.particles;
+        let n = p.len();
+        let first = region.first as usize;
+        self.counts[w] = n;
+        let row = status_row(&state.progress, n);
+        let at = w * status::WORDS as usize;
+        self.states[at..at + row.len()].copy_from_slice(&row);
+        self.set_state(w, status::ASKED, if state.progress.stale { REFER } else { RELIST });
+
+        let bits = |x: [f32; 3]| x.map(f32::to_bits);
+        let place: Vec<[u32; 4]> =
+            p.place.iter().map(|x| [x.lo[0], x.lo[1], x.lo[2], x.radius.to_bits()]).collect();
+        let vel: Vec<[f32; 4]> = p.velocity.iter().map(|x| [x.v[0], x.v[1], x.v[2], x.inv_mass]).collect();
+        let spin: Vec<[u32; 4]> = p
+            .spin
+            .iter()
+            .map(|x| {
+                let [a, b, c] = bits(x.w);
+                [a, b, c, x.material]
+            })
+            .collect();
+        device.write(&self.b.place, first, &place);
+        device.write(&self.b.vel, first, &vel);
+        device.write(&self.b.spin, first, &spin);
+        let own: Vec<[u32; 4]> = (0..n)
+            .flat_map(|i| {
+                let (h, r) = (p.hi[i].map(|x| x as u32), bits(p.rest[i]));
+                [[h[0], h[1], h[2], p.id[i]], [r[0], r[1], r[2], 0]]
+            })
+            .collect();
+        device.write(&self.b.own, 2 * first, &own);
+        let refs: Vec<[u32; 4]> = (0..n)
+            .flat_map(|i| {
+                let (l, h) = (p.lo_ref[i], p.hi_ref[i].map(|x| x as u32));
+                [[l[0], l[1], l[2], p.place[i].radius.to_bits()], [h[0], h[1], h[2], p.id[i]]]
+            })
+            .collect();
+        device.write(&self.b.refs, 2 * first, &refs);
+        let slow: Vec<[f32; 4]> = (0..n)
+            .flat_map(|i| [p.acceleration[i], p.angular[i], p.force[i]].map(|x| [x[0], x[1], x[2], 0.0]))
+            .collect();
+        device.write(&self.b.slow, 3 * first, &slow);
+        self.put_contacts(device, w, state);
+        self.put_surface_contacts(device, w, state);
+    }
+
+    /// What pairs remember, as lists of touching neighbours that the first rebuild takes over.
+    fn put_contacts<R: Runtime>(&self, device: &Device<R>, w: usize, state: &State) {
+        let region = &self.regions[w];
+        let n = state.particles.len();
+        let at: HashMap<u32, u32> =
+            state.particles.id.iter().enumerate().map(|(i, id)| (*id, i as u32)).collect();
+        let mut lists: Vec<Vec<(u32, [f32; 4])>> = vec![Vec::new(); n];
+        for m in &state.contacts {
+            let (Some(&a), Some(&b)) = (at.get(&m.id[0]), at.get(&m.id[1])) else { continue };
+            let mut h = [0.0; 4];
+            h[..m.history.len().min(4)].copy_from_slice(&m.history[..m.history.len().min(4)]);
+            lists[a as usize].push((0x4000_0000 | (region.first + b), h));
+            lists[b as usize].push((0xc000_0000 | (region.first + a), h));
+        }
+        let slices = (region.blocks * BLOCK / SLICE) as usize;
+        let (mut counts, mut offsets) = (vec![0_u32; n], vec![0_u32; slices]);
+        let (mut entries, mut history) = (Vec::new(), Vec::new());
+        for slice in 0..slices {
+            offsets[slice] = region.begins[0] + entries.len() as u32;
+            let members = slice * SLICE as usize..((slice + 1) * SLICE as usize).min(n);
+            let width = members.clone().map(|i| lists[i].len()).max().unwrap_or(0);
+            let begin = entries.len();
+            entries.resize(begin + width * SLICE as usize, 0);
+            history.resize(begin + width * SLICE as usize, [0.0_f32; 4]);
+            for i in members {
+                counts[i] = lists[i].len() as u32;
+                for (k, (entry, h)) in lists[i].iter().enumerate() {
+                    let to = begin + k * SLICE as usize + i % SLICE as usize;
+                    entries[to] = *entry;
+                    history[to] = *h;
+                }
+            }
+        }
+        entries.truncate(region.rooms.lists as usize);
+        history.truncate(region.rooms.lists as usize);
+        device.write(&self.b.lists, region.first as usize, &counts);
+        device.write(&self.b.lists, 2 * self.padded as usize + (region.first / SLICE) as usize, &offsets);
+        device.write(&self.b.nbr, region.begins[0] as usize, &entries);
+        device.write(&self.b.hist, region.begins[0] as usize, &history);
+    }
+
+    fn put_surface_contacts<R: Runtime>(&self, device: &Device<R>, w: usize, state: &State) {
+        let region = &self.regions[w];
+        let n = state.particles.len();
+        let mut row_of = vec![NONE; n];
+        let (mut counts, mut memory) = (Vec::new(), Vec::<[f32; 4]>::new());
+        let at: HashMap<u32, usize> = state.particles.id.iter().enumerate().map(|(i, id)| (*id, i)).collect();
+        for same in state.surface_contacts.chunk_by(|a, b| a.id == b.id) {
+            let Some(&i) = at.get(&same[0].id) else { continue };
+            if counts.len() as u32 == region.rooms.rows {
+                break;
+            }
+            row_of[i] = region.begins[1] + counts.len() as u32;
+            counts.push(same.len().min(SLOTS as usize) as u32);
+            let mut slots = vec![[0.0_f32; 4]; 2 * SLOTS as usize];
+            for (k, m) in same.iter().take(SLOTS as usize).enumerate() {
+                slots[2 * k] = [m.n[0], m.n[1], m.n[2], m.surface as f32];
+                slots[2 * k + 1][..m.history.len().min(4)]
+                    .copy_from_slice(&m.history[..m.history.len().min(4)]);
+            }
+            memory.extend(slots);
+        }
+        device.write(&self.b.rows, region.first as usize, &row_of);
+        device.write(&self.b.row_count, region.begins[1] as usize, &counts);
+        device.write(&self.b.row_mem, (region.begins[1] * SLOTS * 2) as usize, &memory);
+    }
+
+    /// Uploads tables for jobs of a number of steps from the progress of each world (`None` for idle ones), with
+    /// poses of the present or of the lists' reference. Says which worlds have a mesh too many periods away.
+    fn prepare<R: Runtime>(
+        &mut self,
+        device: &Device<R>,
+        jobs: &[Option<(&Progress, u64, bool)>],
+    ) -> Vec<usize> {
+        let mut astray = Vec::new();
+        let mut poses = Poses::new();
+        let mut worlds = Vec::new();
+        let mut series = 0_u32;
+        for (w, job) in jobs.iter().enumerate() {
+            let c = self.worlds[w].clone();
+            worlds.extend(world_row(&c, &self.regions[w], series));
+            if let Some((g, steps, reference)) = job {
+                series += *steps as u32 * c.spec.surfaces.len() as u32 * 12;
+                let begin = (self.regions[w].boundaries * boundary::WORDS) as usize;
+                let end = begin + c.boundaries.len() * boundary::WORDS as usize;
+                if !poses.add(&c, g, *steps, *reference, &mut self.bound_rows[begin..end]) {
+                    astray.push(w);
+                }
+            }
+        }
+        self.b.worlds = device.upload(&worlds);
+        self.b.bounds = device.upload(&self.bound_rows);
+        self.b.poses = device.upload(&poses.words);
+        self.b.series = device.zeros(series as usize, 4);
+        self.b.states = device.upload(&self.states);
+        let mut flags = vec![0_u32; self.worlds.len() * flag::WORDS as usize];
+        for f in flags.chunks_exact_mut(flag::WORDS as usize) {
+            f[flag::STALE as usize] = NONE;
+            f[flag::WHO as usize] = NONE;
+        }
+        self.b.flags = device.upload(&flags);
+        astray
+    }
+
+    /// Makes the lists of worlds that were just put; what there was no room for.
+    fn relist<R: Runtime>(
+        &mut self,
+        device: &mut Device<R>,
+        loaded: &mut [(usize, &mut State)],
+    ) -> Option<Vec<Need>> {
+        let mut jobs = vec![None; self.worlds.len()];
+        for (w, state) in loaded.iter() {
+            jobs[*w] = Some((&state.progress, 0, !state.progress.stale));
+        }
+        self.prepare(device, &jobs);
+        self.begin(device, 0);
+        self.rebuild(device);
+        let flags = self.fetch(device);
+        for (w, state) in loaded.iter_mut() {
+            let g = &mut state.progress;
+            if g.stale {
+                for s in 0..g.surfaces.len() {
+                    g.surfaces[s].reference = g.surfaces[s].placed(&self.worlds[*w], s, g).pose;
+                }
+                g.stale = false;
+                g.rebuilt = g.step;
+                g.rebuilds += 1;
+            }
+            self.last[*w] = g.clone();
+        }
+        Self::needs(&flags)
+    }
+
+    fn needs(flags: &[u32]) -> Option<Vec<Need>> {
+        let needs: Vec<Need> = flags
+            .chunks_exact(flag::WORDS as usize)
+            .enumerate()
+            .filter(|(_, f)| f[flag::HALT as usize] == halt::ROOM)
+            .map(|(w, f)| (w, [0, 1, 2].map(|k| f[(flag::NEED + k) as usize])))
+            .collect();
+        (!needs.is_empty()).then_some(needs)
+    }
+
+    /// Takes more memory: every world is read and put again, world `w` from `given`, which is not on the device yet.
+    fn regrow<R: Runtime>(&mut self, device: &mut Device<R>, needs: Vec<Need>, w: usize, given: &mut State) {
+        let mut rooms: Vec<Rooms> = self.regions.iter().map(|r| r.rooms).collect();
+        for need in needs {
+            widen(&mut rooms, need);
+        }
+        let mut states: Vec<State> = (0..self.worlds.len())
+            .map(|k| if k == w { std::mem::take(given) } else { self.state(device, k, &self.last[k]) })
+            .collect();
+        let mut worlds: Vec<(Arc<Constants>, &mut State)> =
+            self.worlds.iter().cloned().zip(states.iter_mut()).collect();
+        let times = self.times;
+        *self = Self::new(device, self.signature, &mut worlds, rooms);
+        self.times = times;
+        *given = std::mem::take(&mut states[w]);
+    }
+
+    /// Reads states and flags.
+    fn fetch<R: Runtime>(&mut self, device: &mut Device<R>) -> Vec<u32> {
+        device.settle();
+        let (states, flags) = (self.b.states.clone(), self.b.flags.clone());
+        self.states = device.read(&states, 0, states.len);
+        device.read(&flags, 0, flags.len)
+    }
+
+    /// One stretch of steps of every job.
+    fn stretch<R: Runtime>(
+        &mut self,
+        device: &mut Device<R>,
+        jobs: &mut [(usize, &mut Job<'_>)],
+        left: &mut [u64],
+    ) {
+        let began = Instant::now();
+        let mut asked: Vec<Option<(&Progress, u64, bool)>> = vec![None; self.worlds.len()];
+        let mut longest = 0;
+        for w in 0..self.worlds.len() {
+            self.set_state(w, status::BASE, 0);
+            self.set_state(w, status::TARGET, 0);
+            self.set_state(w, status::REBUILDS, 0);
+            self.set_state(w, status::REBUILT, NONE);
+        }
+        for ((w, job), n) in jobs.iter().zip(left.iter()) {
+            let steps = (*n).min(STRETCH);
+            self.states[*w * status::WORDS as usize + status::TARGET as usize] = steps as u32;
+            longest = longest.max(steps);
+            asked[*w] = Some((&*job.progress, steps, false));
+        }
+        let astray = self.prepare(device, &asked);
+        if !astray.is_empty() {
+            for ((w, job), left) in
+                jobs.iter_mut().zip(left.iter_mut()).filter(|((w, _), _)| astray.contains(w))
+            {
+                *left = 0;
+                let g = &job.progress;
+                job.outcome = Err(Failure {
+                    time: g.step as f64 * self.worlds[*w].dt,
+                    step: g.step,
+                    what: "a mesh is more than 500 periods away from the cell".to_owned(),
+                    cause: "on a device images of particles are told within 500 periods; let the tool turn back, \
+                            or run with --device cpu"
+                        .to_owned(),
+                });
+            }
+            return;
+        }
+        self.b.sums = device.zeros(self.blocks() * SUMS as usize * 2, 4);
+        let split = self.signature.integrator == IntegratorKind::VelocityVerlet;
+        if split && jobs.iter().any(|(_, j)| !j.progress.primed) {
+            self.look(device, Purpose::Prime);
+        }
+        let mut flags;
+        let mut left_over = longest as u32;
+        let attended = longest <= ATTENDED;
+        loop {
+            let groups = left_over.div_ceil(self.launches).max(1);
+            for _ in 0..groups {
+                let k = self.launches.min(left_over.max(1));
+                for launch in 0..k {
+                    self.step(device, launch);
+                }
+                self.begin(device, k);
+                if !attended || self.rebuilding(device) {
+                    self.rebuild(device);
+                }
+                left_over = left_over.saturating_sub(k);
+            }
+            flags = self.fetch(device);
+            let open = (0..self.worlds.len())
+                .map(|w| self.state_word(w, status::TARGET).saturating_sub(self.state_word(w, status::BASE)))
+                .max()
+                .unwrap_or(0);
+            if open == 0 || device.broken.is_some() {
+                break;
+            }
+            left_over = open;
+        }
+        let rebuilds =
+            (0..self.worlds.len()).map(|w| self.state_word(w, status::REBUILDS)).max().unwrap_or(0);
+        // About as many launches as steps between rebuilds: it decides how much is done in vain, never what
+        // comes out.
+        self.launches = (longest as u32 / (rebuilds + 1)).clamp(8, 128);
+        self.finish(device, jobs, left, &flags, split);
+        self.times.forces += began.elapsed().as_secs_f64();
+    }
+
+    /// Takes the outcome of a stretch over into the worlds' progress.
+    fn finish<R: Runtime>(
+        &mut self,
+        device: &mut Device<R>,
+        jobs: &mut [(usize, &mut Job<'_>)],
+        left: &mut [u64],
+        flags: &[u32],
+        split: bool,
+    ) {
+        if device.broken.is_some() {
+            return;
+        }
+        let series = self.b.series.clone();
+        let series: Vec<f32> = device.read(&series, 0, series.len);
+        let sums = self.b.sums.clone();
+        let sums: Vec<f32> = device.read(&sums, 0, sums.len);
+        let mut at = 0;
+        let mut leavers = Vec::new();
+        let mut starts: Vec<usize> = vec![0; self.worlds.len()];
+        let order: Vec<(usize, u64)> =
+            jobs.iter().zip(left.iter()).map(|((w, _), n)| (*w, (*n).min(STRETCH))).collect();
+        for w in 0..self.worlds.len() {
+            if let Some((_, steps)) = order.iter().find(|(k, _)| *k == w) {
+                starts[w] = at;
+                at += *steps as usize * self.worlds[w].spec.surfaces.len() * 12;
+            }
+        }
+        for ((w, job), left) in jobs.iter_mut().zip(left.iter_mut()) {
+            let c = self.worlds[*w].clone();
+            let w = *w;
+            let done = u64::from(self.state_word(w, status::BASE));
+            let beats = u64::from(flags[w * flag::WORDS as usize + flag::BEATS as usize]);
+            if beats != done {
+                device.broken.get_or_insert(format!(
+                    "{beats} of {done} steps were run: the driver refused a kernel or dropped launches"
+                ));
+                return;
+            }
+            let g = &mut *job.progress;
+            let begin = g.step;
+            let surfaces = c.spec.surfaces.len();
+            for t in 0..done as usize {
+                g.step += u64::from(split);
+                let forces: Vec<[f64; 6]> = (0..surfaces)
+                    .map(|s| {
+                        let from = starts[w] + (t * surfaces + s) * 12;
+                        std::array::from_fn(|q| {
+                            f64::from(series[from + 2 * q]) + f64::from(series[from + 2 * q + 1])
+                        })
+                    })
+                    .collect();
+                g.account(&c, &forces);
+                g.step += u64::from(!split);
+            }
+            g.primed |= done > 0;
+            *left -= done;
+            self.book(w, &sums, g, done);
+            let rebuilt = self.state_word(w, status::REBUILT);
+            g.skin = f64::from(f32::from_bits(self.state_word(w, status::SKIN)));
+            g.rebuilds += u64::from(self.state_word(w, status::REBUILDS));
+            if rebuilt != NONE {
+                let now = g.step;
+                g.step = begin + u64::from(rebuilt);
+                for s in 0..surfaces {
+                    g.surfaces[s].reference = g.surfaces[s].placed(&c, s, g).pose;
+                }
+                g.rebuilt = g.step;
+                g.step = now;
+            }
+            self.last[w] = g.clone();
+            let f = &flags[w * flag::WORDS as usize..(w + 1) * flag::WORDS as usize];
+            let worst = f64::from(f32::from_bits(f[flag::WORST as usize]));
+            let deep = too_deep(&c, g, worst);
+            match f[flag::HALT as usize] {
+                halt::NO => {}
+                halt::LEFT | halt::ROOM => leavers.push(w),
+                why => {
+                    *left = 0;
+                    let progress = g.clone();
+                    job.outcome =
+                        Err(self.failure(device, w, &progress, f[flag::WHO as usize], why, deep, worst));
+                }
+            }
+        }
+        for w in leavers {
+            if let Some((_, job)) = jobs.iter_mut().find(|(k, _)| *k == w) {
+                self.relieve(device, w, job.progress, flags);
+            }
+        }
+    }
+
+    /// Takes out the particles that left a world, or takes more memory, and makes its lists again.
+    fn relieve<R: Runtime>(&mut self, device: &mut Device<R>, w: usize, g: &mut Progress, flags: &[u32]) {
+        let c = self.worlds[w].clone();
+        let before = self.observe(device, w, g);
+        let mut state = self.state(device, w, g);
+        let p = &state.particles;
+        let sides: Vec<_> = (0..p.len()).map(|i| outside(&c.lattice, p.hi[i], p.place[i].lo)).collect();
+        let mut left: Vec<_> = (0..p.len()).filter_map(|i| Some((portrait(&c, p, i), sides[i]?))).collect();
+        left.sort_unstable_by_key(|(p, _)| p.id);
+        for (portrait, side) in left {
+            portrait.leave(&c, side, &mut state.progress);
+        }
+        let keep: Vec<bool> = sides.iter().map(Option::is_none).collect();
+        state.remove(&keep);
+        state.progress.stale = true;
+        if keep.contains(&false) && self.signature.integrator == IntegratorKind::VelocityVerlet {
+            // The next step begins with the acceleration of this one, which those that left had a part in.
+            state.progress.primed = false;
+        }
+        let needs = Self::needs(flags).unwrap_or_default();
+        let needs: Vec<Need> = needs.into_iter().filter(|(k, _)| *k == w).collect();
+        if needs.is_empty() {
+            self.put(device, w, &state);
+            if let Some(needs) = self.relist(device, &mut [(w, &mut state)]) {
+                self.regrow(device, needs, w, &mut state);
+            }
+        } else {
+            self.regrow(device, needs, w, &mut state);
+        }
+        if keep.contains(&false) {
+            let after = self.observe(device, w, &state.progress);
+            let gone = [
+                before.elastic_normal - after.elastic_normal,
+                before.elastic_tangential - after.elastic_tangential,
+            ];
+            unload(&mut state.progress, gone);
+        }
+        *g = state.progress;
+    }
+
+    /// Dissipation and work of a stretch.
+    fn book(&self, w: usize, sums: &[f32], g: &mut Progress, done: u64) {
+        if !self.signature.ledger || done == 0 {
+            return;
+        }
+        let mut total = [0.0_f64; SUMS as usize];
+        for block in self.blocks_of(w) {
+            for (q, sum) in total.iter_mut().enumerate() {
+                let at = (block * SUMS as usize + q) * 2;
+                *sum += f64::from(sums[at]) + f64::from(sums[at + 1]);
+            }
+        }
+        let [friction, dash, roll, damped, work, before, tangential, last] = total;
+        let l = &mut g.ledger;
+        l.friction += friction;
+        l.dashpots += dash;
+        l.rolling += roll;
+        l.damping += damped;
+        l.work += work;
+        l.stiffness_change += l.elastic_tangential + (tangential - last) - before;
+        l.elastic_tangential = last;
+    }
+
+    fn failure<R: Runtime>(
+        &self,
+        device: &mut Device<R>,
+        w: usize,
+        g: &Progress,
+        who: u32,
+        why: u32,
+        deep: bool,
+        worst: f64,
+    ) -> Failure {
+        let c = &self.worlds[w];
+        let state = self.state(device, w, g);
+        let describe = |id: u32| state.describe(c, id);
+        if why == halt::CONTACTS {
+            return Failure {
+                time: g.step as f64 * c.dt,
+                step: g.step,
+                what: format!("a particle touches more than {SLOTS} walls of surfaces at once"),
+                cause:
+                    "the GPU backend holds no more contacts of one particle; coarsen the mesh or run with \
+                        --device cpu"
+                        .to_owned(),
+            };
+        }
+        if deep && why == halt::OVERLAP {
+            return overlap_failure(c, g, &describe(who), "its neighbour", worst);
+        }
+        let i = state.particles.id.iter().position(|&id| id == who);
+        let v = i.map_or([f64::NAN; 3], |i| state.particles.velocity[i].v.map(f64::from));
+        runaway_failure(c, g, &describe(who), v)
+    }
+
+    fn step<R: Runtime>(&self, device: &Device<R>, k: u32) {
+        let b = &self.b;
+        let blocks = (self.padded / BLOCK) as usize;
+        let split = self.signature.integrator == IntegratorKind::VelocityVerlet;
+        // SAFETY: kernels stay within the buffers, whose sizes follow from the same layout.
+        #[allow(unsafe_code)]
+        unsafe {
+            if split {
+                step::drift::launch_unchecked::<R>(
+                    device.client(),
+                    grid(blocks),
+                    CubeDim::new_1d(BLOCK),
+                    k,
+                    self.padded,
+                    b.world_of.arg(),
+                    b.worlds.arg(),
+                    b.states.arg(),
+                    b.flags.arg(),
+                    b.place.arg(),
+                    b.vel.arg(),
+                    b.spin.arg(),
+                    b.own.arg(),
+                    b.refs.arg(),
+                    b.slow.arg(),
+                    self.signature,
+                );
+            }
+        }
+        self.launch_step(device, k, Purpose::Step, &b.sums);
+        if self.worlds.iter().any(|c| !c.spec.surfaces.is_empty()) {
+            // SAFETY: as above.
+            #[allow(unsafe_code)]
+            unsafe {
+                step::collect::launch_unchecked::<R>(
+                    device.client(),
+                    grid(self.worlds.len()),
+                    CubeDim::new_1d(BLOCK),
+                    k,
+                    self.rooms[1],
+                    b.worlds.arg(),
+                    b.states.arg(),
+                    b.flags.arg(),
+                    b.bounds.arg(),
+                    b.poses.arg(),
+                    b.row_count.arg(),
+                    b.push.arg(),
+                    b.series.arg(),
+                );
+            }
+        }
+    }
+
+    /// Whether particles near surfaces have blocks of their own in a step.
+    fn near_blocks(&self) -> bool {
+        self.signature.surfaces && self.signature.merged
+    }
+
+    /// Blocks of a step: of all particles, then of those near surfaces.
+    fn blocks(&self) -> usize {
+        ((self.padded + if self.near_blocks() { self.rooms[1] } else { 0 }) / BLOCK) as usize
+    }
+
+    /// The blocks of a world.
+    fn blocks_of(&self, w: usize) -> impl Iterator<Item = usize> + use<> {
+        let r = &self.regions[w];
+        let of = |first: u32, count: u32| (first / BLOCK) as usize..((first + count) / BLOCK) as usize;
+        let near = if self.near_blocks() { r.rooms.rows } else { 0 };
+        of(r.first, r.blocks * BLOCK).chain(of(self.padded + r.begins[1], near))
+    }
+
+    fn launch_step<R: Runtime>(&self, device: &Device<R>, k: u32, purpose: Purpose, sums: &Buffer) {
+        let b = &self.b;
+        // SAFETY: kernels stay within the buffers, whose sizes follow from the same layout.
+        #[allow(unsafe_code)]
+        unsafe {
+            if self.signature.surfaces && !self.signature.merged {
+                step::surfaces::launch_unchecked::<R>(
+                    device.client(),
+                    grid((self.rooms[1] / BLOCK) as usize),
+                    CubeDim::new_1d(BLOCK),
+                    k,
+                    self.padded,
+                    self.rooms[1],
+                    self.rooms[2],
+                    b.world_of.arg(),
+                    b.worlds.arg(),
+                    b.states.arg(),
+                    b.flags.arg(),
+                    b.pairs.arg(),
+                    b.place.arg(),
+                    b.vel.arg(),
+                    b.spin.arg(),
+                    b.own.arg(),
+                    b.refs.arg(),
+                    b.bounds.arg(),
+                    b.poses.arg(),
+                    b.tris.arg(),
+                    b.verts.arg(),
+                    b.rows.arg(),
+                    b.facets.arg(),
+                    b.row_count.arg(),
+                    b.row_mem.arg(),
+                    b.push.arg(),
+                    b.row_sums.arg(),
+                    self.signature,
+                    purpose,
+                );
+            }
+            step::step::launch_unchecked::<R>(
+                device.client(),
+                grid(self.blocks()),
+                CubeDim::new_1d(BLOCK),
+                k,
+                self.padded,
+                self.rooms[0],
+                self.rooms[1],
+                self.rooms[2],
+                b.world_of.arg(),
+                b.worlds.arg(),
+                b.states.arg(),
+                b.flags.arg(),
+                b.pairs.arg(),
+                b.place.arg(),
+                b.vel.arg(),
+                b.spin.arg(),
+                b.own.arg(),
+                b.refs.arg(),
+                b.slow.arg(),
+                b.lists.arg(),
+                b.nbr.arg(),
+                b.hist.arg(),
+                b.bounds.arg(),
+                b.poses.arg(),
+                b.tris.arg(),
+                b.verts.arg(),
+                b.rows.arg(),
+                b.facets.arg(),
+                b.row_count.arg(),
+                b.row_mem.arg(),
+                b.push.arg(),
+                b.row_sums.arg(),
+                sums.arg(),
+                self.signature,
+                purpose,
+            );
+        }
+    }
+
+    /// Runs the contact phase on the present configuration.
+    fn look<R: Runtime>(&self, device: &Device<R>, purpose: Purpose) {
+        self.launch_step(device, 0, purpose, &self.b.sights);
+    }
+
+    fn observe<R: Runtime>(&mut self, device: &mut Device<R>, w: usize, g: &Progress) -> Moment {
+        let mut jobs = vec![None; self.worlds.len()];
+        jobs[w] = Some((g, 0, false));
+        for w in 0..self.worlds.len() {
+            self.set_state(w, status::BASE, 0);
+            self.set_state(w, status::TARGET, 0);
+        }
+        self.set_state(w, status::ASKED, LOOK);
+        self.prepare(device, &jobs);
+        self.look(device, Purpose::Observe);
+        self.set_state(w, status::ASKED, 0);
+        let sights = self.b.sights.clone();
+        let sights: Vec<f32> = device.read(&sights, 0, sights.len);
+        let mut m = Moment::default();
+        let mut twice = 0.0;
+        for block in self.blocks_of(w) {
+            let at = block * SIGHTS as usize;
+            let s: [f64; SIGHTS as usize] = std::array::from_fn(|k| f64::from(sights[at + k]));
+            m.translation += s[0];
+            m.rotation += s[1];
+            m.potential += s[2];
+            m.elastic_normal += s[3];
+            m.elastic_tangential += s[4];
+            twice += s[5];
+            m.surface_contacts += s[6] as u64;
+            m.overlap = m.overlap.max(s[7]);
+            m.speed = m.speed.max(s[8].sqrt());
+        }
+        m.contacts = (0.5 * twice).round() as u64;
+        m
+    }
+
+    fn sum<R: Runtime>(&self, device: &Device<R>, n: u32, input: &Buffer, out: &Buffer, counters: bool) {
+        let tiles = n.div_ceil(scan::TILE);
+        let totals = &self.b.totals;
+        let dim = CubeDim::new_1d(BLOCK);
+        // SAFETY: the kernels check their bounds.
+        #[allow(unsafe_code)]
+        unsafe {
+            if counters {
+                scan::counter_tiles::launch_unchecked::<R>(
+                    device.client(),
+                    grid(tiles as usize),
+                    dim,
+                    n,
+                    input.arg(),
+                    out.arg(),
+                    totals.arg(),
+                );
+            } else {
+                scan::tiles::launch_unchecked::<R>(
+                    device.client(),
+                    grid(tiles as usize),
+                    dim,
+                    n,
+                    input.arg(),
+                    out.arg(),
+                    totals.arg(),
+                );
+            }
+            scan::join::launch_unchecked::<R>(device.client(), grid(1), dim, tiles, totals.arg());
+            scan::spread::launch_unchecked::<R>(
+                device.client(),
+                grid((n as usize + 1).div_ceil(BLOCK as usize)),
+                dim,
+                n,
+                tiles,
+                totals.arg(),
+                out.arg(),
+            );
+        }
+    }
+
+    /// Ends a group of `launches` steps: counts them and decides which worlds rebuild.
+    fn begin<R: Runtime>(&self, device: &Device<R>, launches: u32) {
+        let worlds = self.worlds.len() as u32;
+        // SAFETY: the kernel checks its bounds.
+        #[allow(unsafe_code)]
+        unsafe {
+            lists::begin::launch_unchecked::<R>(
+                device.client(),
+                grid((worlds as usize).div_ceil(BLOCK as usize)),
+                CubeDim::new_1d(BLOCK),
+                launches,
+                worlds,
+                self.b.worlds.arg(),
+                self.b.states.arg(),
+                self.b.flags.arg(),
+            );
+        }
+    }
+
+    /// Whether any world rebuilds, or stopped.
+    fn rebuilding<R: Runtime>(&mut self, device: &mut Device<R>) -> bool {
+        let flags = self.fetch(device);
+        (0..self.worlds.len()).any(|w| {
+            self.state_word(w, status::REBUILDING) == 1
+                || flags[w * flag::WORDS as usize + flag::HALT as usize] != halt::NO
+        })
+    }
+
+    /// Rebuilds the lists of the worlds that need it.
+    fn rebuild<R: Runtime>(&self, device: &Device<R>) {
+        let b = &self.b;
+        let (n, worlds) = (self.padded, self.worlds.len() as u32);
+        let dim = CubeDim::new_1d(BLOCK);
+        let by_world = grid((worlds as usize).div_ceil(BLOCK as usize));
+        let by_particle = || grid((n / BLOCK) as usize);
+        let client = device.client();
+        // SAFETY: kernels stay within the buffers, whose sizes follow from the same layout.
+        #[allow(unsafe_code)]
+        unsafe {
+            lists::bin::launch_unchecked::<R>(
+                client,
+                by_particle(),
+                dim,
+                n,
+                b.world_of.arg(),
+                b.worlds.arg(),
+                b.states.arg(),
+                b.flags.arg(),
+                b.place.arg(),
+                b.own.arg(),
+                b.refs.arg(),
+                b.bins.arg(),
+                b.counters.arg(),
+            );
+            self.sum(device, self.cells, &b.counters, &b.starts, true);
+            lists::scatter::launch_unchecked::<R>(
+                client,
+                by_particle(),
+                dim,
+                b.world_of.arg(),
+                b.worlds.arg(),
+                b.states.arg(),
+                b.bins.arg(),
+                b.starts.arg(),
+                b.counters.arg(),
+                b.order.arg(),
+            );
+            lists::sort::launch_unchecked::<R>(
+                client,
+                grid((self.cells / BLOCK) as usize),
+                dim,
+                n,
+                self.cells,
+                b.world_of_cell.arg(),
+                b.worlds.arg(),
+                b.states.arg(),
+                b.starts.arg(),
+                b.own.arg(),
+                b.order.arg(),
+            );
+            lists::gather::launch_unchecked::<R>(
+                client,
+                by_particle(),
+                dim,
+                n,
+                b.world_of.arg(),
+                b.worlds.arg(),
+                b.states.arg(),
+                b.order.arg(),
+                b.place.arg(),
+                b.vel.arg(),
+                b.spin.arg(),
+                b.own.arg(),
+                b.refs.arg(),
+                b.slow.arg(),
+                b.renamed.arg(),
+            );
+            lists::measure::launch_unchecked::<R>(
+                client,
+                by_particle(),
+                dim,
+                n,
+                b.world_of.arg(),
+                b.worlds.arg(),
+                b.states.arg(),
+                b.starts.arg(),
+                b.refs.arg(),
+                b.own.arg(),
+                b.lists.arg(),
+                b.widths.arg(),
+                b.nbr.arg(),
+            );
+            self.sum(device, n / SLICE, &b.widths, &b.width_starts, false);
+            lists::fill::launch_unchecked::<R>(
+                client,
+                by_particle(),
+                dim,
+                n,
+                self.rooms[0],
+                b.world_of.arg(),
+                b.worlds.arg(),
+                b.states.arg(),
+                b.flags.arg(),
+                b.starts.arg(),
+                b.refs.arg(),
+                b.own.arg(),
+                b.order.arg(),
+                b.renamed.arg(),
+                b.width_starts.arg(),
+                b.lists.arg(),
+                b.nbr.arg(),
+                b.hist.arg(),
+            );
+            if self.signature.surfaces {
+                self.rebuild_rows(device);
+            }
+            lists::commit::launch_unchecked::<R>(
+                client,
+                by_world,
+                dim,
+                worlds,
+                b.worlds.arg(),
+                b.states.arg(),
+                b.flags.arg(),
+                b.row_starts.arg(),
+                self.signature.surfaces,
+            );
+        }
+    }
+
+    fn rebuild_rows<R: Runtime>(&self, device: &Device<R>) {
+        let b = &self.b;
+        let n = self.padded;
+        let dim = CubeDim::new_1d(BLOCK);
+        // SAFETY: kernels stay within the buffers, whose sizes follow from the same layout.
+        #[allow(unsafe_code)]
+        unsafe {
+            rows::approach::launch_unchecked::<R>(
+                device.client(),
+                grid((n / BLOCK) as usize),
+                dim,
+                n,
+                b.world_of.arg(),
+                b.worlds.arg(),
+                b.states.arg(),
+                b.refs.arg(),
+                b.bounds.arg(),
+                b.poses.arg(),
+                b.nodes.arg(),
+                b.ordered.arg(),
+                b.tris.arg(),
+                b.verts.arg(),
+                b.facets.arg(),
+                b.near_count.arg(),
+                b.near_flag.arg(),
+                self.signature,
+            );
+            self.sum(device, n, &b.near_flag, &b.row_starts, false);
+            self.sum(device, n, &b.near_count, &b.facet_starts, false);
+            rows::settle::launch_unchecked::<R>(
+                device.client(),
+                grid((n / BLOCK) as usize),
+                dim,
+                n,
+                self.rooms[1],
+                self.rooms[2],
+                b.world_of.arg(),
+                b.worlds.arg(),
+                b.states.arg(),
+                b.flags.arg(),
+                b.refs.arg(),
+                b.order.arg(),
+                b.bounds.arg(),
+                b.poses.arg(),
+                b.nodes.arg(),
+                b.ordered.arg(),
+                b.tris.arg(),
+                b.verts.arg(),
+                b.row_starts.arg(),
+                b.facet_starts.arg(),
+                b.rows.arg(),
+                b.facets.arg(),
+                b.row_count.arg(),
+                b.row_mem.arg(),
+                self.signature,
+            );
+        }
+    }
+
+    /// The complete state of a world.
+    fn state<R: Runtime>(&self, device: &mut Device<R>, w: usize, g: &Progress) -> State {
+        let region = &self.regions[w];
+        let n = self.counts[w];
+        let first = region.first as usize;
+        let padded = self.padded as usize;
+        let parity = self.state_word(w, status::PARITY) as usize;
+        let listed = self.state_word(w, status::LISTED) as usize;
+        let b = &self.b;
+        let float = |q: u32| f32::from_bits(q);
+        let place: Vec<[u32; 4]> = device.read(&b.place, parity * padded + first, n);
+        let vel: Vec<[f32; 4]> = device.read(&b.vel, parity * padded + first, n);
+        let spin: Vec<[u32; 4]> = device.read(&b.spin, parity * padded + first, n);
+        let own: Vec<[u32; 4]> = device.read(&b.own, 2 * (listed * padded + first), 2 * n);
+        let refs: Vec<[u32; 4]> = device.read(&b.refs, 2 * (listed * padded + first), 2 * n);
+        let slow: Vec<[f32; 4]> = device.read(&b.slow, 3 * (listed * padded + first), 3 * n);
+        let three = |q: &[f32; 4]| [q[0], q[1], q[2]];
+        let mut p = Particles::default();
+        for i in 0..n {
+            let (x, v, s, h, r) = (place[i], vel[i], spin[i], own[2 * i], own[2 * i + 1]);
+            let (lo, hi) = (refs[2 * i], refs[2 * i + 1]);
+            p.id.push(h[3]);
+            p.place.push(Place { lo: [x[0], x[1], x[2]], radius: float(x[3]) });
+            p.velocity.push(Velocity { v: three(&v), inv_mass: v[3] });
+            p.spin.push(Spin { w: [float(s[0]), float(s[1]), float(s[2])], material: s[3] });
+            p.hi.push([h[0] as i32, h[1] as i32, h[2] as i32]);
+            p.rest.push([float(r[0]), float(r[1]), float(r[2])]);
+            p.acceleration.push(three(&slow[3 * i]));
+            p.angular.push(three(&slow[3 * i + 1]));
+            p.force.push(three(&slow[3 * i + 2]));
+            p.lo_ref.push([lo[0], lo[1], lo[2]]);
+            p.hi_ref.push([hi[0] as i32, hi[1] as i32, hi[2] as i32]);
+        }
+        let contacts = self.contacts(device, w, &p, listed);
+        let surface_contacts = self.surface_contacts(device, w, &p, parity, listed);
+        State { particles: p, contacts, surface_contacts, progress: g.clone() }
+    }
+
+    fn contacts<R: Runtime>(
+        &self,
+        device: &mut Device<R>,
+        w: usize,
+        p: &Particles,
+        listed: usize,
+    ) -> Vec<ContactMemory> {
+        let (c, region) = (&self.worlds[w], &self.regions[w]);
+        let (n, first) = (p.len(), region.first as usize);
+        let padded = self.padded as usize;
+        let b = &self.b;
+        let slices = (region.blocks * BLOCK / SLICE) as usize;
+        let counts: Vec<u32> = device.read(&b.lists, listed * padded + first, n);
+        let offsets: Vec<u32> = device.read(
+            &b.lists,
+            2 * padded + listed * padded / SLICE as usize + first / SLICE as usize,
+            slices,
+        );
+        let used = (0..n)
+            .map(|i| offsets[i / SLICE as usize] - region.begins[0] + counts[i] * SLICE)
+            .max()
+            .unwrap_or(0)
+            .next_multiple_of(SLICE)
+            .min(region.rooms.lists) as usize;
+        let from = listed * self.rooms[0] as usize + region.begins[0] as usize;
+        let nbr: Vec<u32> = device.read(&b.nbr, from, used);
+        let hist: Vec<[f32; 4]> = device.read(&b.hist, from, used);
+        let h = c.history.len();
+        let mut contacts = Vec::new();
+        for i in 0..n {
+            let begin = (offsets[i / SLICE as usize] - region.begins[0]) as usize + i % SLICE as usize;
+            for k in 0..counts[i] as usize {
+                let at = begin + k * SLICE as usize;
+                let entry = nbr[at];
+                // Each pair is told by the particle of the lower number.
+                if entry & 0x4000_0000 == 0 || entry & 0x8000_0000 != 0 {
+                    continue;
+                }
+                let j = (entry & 0x3fff_ffff) as usize - first;
+                contacts.push(ContactMemory { id: [p.id[i], p.id[j]], history: hist[at][..h].to_vec() });
+            }
+        }
+        contacts.sort_unstable_by_key(|m| m.id);
+        contacts
+    }
+
+    fn surface_contacts<R: Runtime>(
+        &self,
+        device: &mut Device<R>,
+        w: usize,
+        p: &Particles,
+        parity: usize,
+        listed: usize,
+    ) -> Vec<SurfaceMemory> {
+        if !self.signature.surfaces {
+            return Vec::new();
+        }
+        let (c, region) = (&self.worlds[w], &self.regions[w]);
+        let b = &self.b;
+        let (n, begin) = (p.len(), region.begins[1] as usize);
+        let row_of: Vec<u32> = device.read(&b.rows, listed * self.padded as usize + region.first as usize, n);
+        let used = row_of.iter().filter(|r| **r != NONE).map(|r| *r as usize + 1 - begin).max().unwrap_or(0);
+        let half = parity * self.rooms[1] as usize;
+        let counts: Vec<u32> = device.read(&b.row_count, half + begin, used);
+        let memory: Vec<[f32; 4]> =
+            device.read(&b.row_mem, (half + begin) * 2 * SLOTS as usize, used * 2 * SLOTS as usize);
+        let h = c.history.len();
+        let mut found = Vec::new();
+        for (i, row) in row_of.iter().enumerate().filter(|(_, r)| **r != NONE) {
+            let row = *row as usize - begin;
+            for k in 0..counts[row] as usize {
+                let at = 2 * (row * SLOTS as usize + k);
+                let m = memory[at];
+                found.push(SurfaceMemory {
+                    id: p.id[i],
+                    surface: m[3] as u32,
+                    n: [m[0], m[1], m[2]],
+                    history: memory[at + 1][..h].to_vec(),
+                });
+            }
+        }
+        found.sort_by_key(|m| (m.id, m.surface));
+        found
+    }
+}
+
+fn widen(rooms: &mut [Rooms], (w, [lists, rows, facets]): Need) {
+    let grown = |room: u32, need: u32| if need > room { need + need / 4 } else { room };
+    let r = &mut rooms[w];
+    r.lists = grown(r.lists, lists).next_multiple_of(BLOCK);
+    r.rows = grown(r.rows, rows).next_multiple_of(BLOCK);
+    r.facets = grown(r.facets, facets);
+}
+
+fn portrait(c: &Constants, p: &Particles, i: usize) -> Portrait {
+    let (place, v, w) = (p.place[i], p.velocity[i], p.spin[i]);
+    Portrait {
+        id: p.id[i],
+        mass: 1.0 / f64::from(v.inv_mass),
+        radius: f64::from(place.radius),
+        x: c.lattice.decode(p.hi[i], place.lo, p.rest[i]),
+        v: v.v.map(f64::from),
+        w: w.w.map(f64::from),
+    }
+}
+
+impl State {
+    /// Particle `id` in words: number, place, speed, contacts.
+    fn describe(&self, c: &Constants, id: u32) -> String {
+        let Some(i) = self.particles.id.iter().position(|&k| k == id) else {
+            return format!("particle {id}");
+        };
+        let pairs = self.contacts.iter().filter(|m| m.id.contains(&id));
+        let mut with: Vec<String> =
+            pairs.map(|m| (if m.id[0] == id { m.id[1] } else { m.id[0] }).to_string()).collect();
+        let surfaces = self.surface_contacts.iter().filter(|m| m.id == id);
+        with.extend(surfaces.map(|m| format!("`{}`", c.boundaries[m.surface as usize].name)));
+        portrait(c, &self.particles, i).describe(with)
+    }
+}

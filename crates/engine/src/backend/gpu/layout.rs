@@ -1,0 +1,268 @@
+//! How a batch lies in device memory.
+//!
+//! Particles of all worlds stand one after the other, each world from a block's beginning. Columns that a
+//! step writes exist twice: a step reads one half and writes the other, and so does a rebuild, so that a
+//! world's halves are told by its own two parities and no world waits for another.
+
+use cubecl::prelude::*;
+use glebe_physics::{IntegratorKind, Laws};
+
+/// Four f32.
+pub type F4 = Vector<f32, Const<4>>;
+/// Four u32, or the bits of f32.
+pub type U4 = Vector<u32, Const<4>>;
+
+/// Units per block.
+pub const BLOCK: u32 = 256;
+/// Particles whose lists lie interleaved.
+pub const SLICE: u32 = 32;
+/// Marks that there is none.
+pub const NONE: u32 = u32::MAX;
+
+/// Asked of a world: lists of its reference as it is.
+pub const RELIST: u32 = 1;
+/// Asked of a world: lists of its present configuration.
+pub const REFER: u32 = 2;
+/// Asked of a world: energies and counts.
+pub const LOOK: u32 = 3;
+
+/// What kernels are specialised for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Signature {
+    /// Laws.
+    pub laws: Laws,
+    /// Integrator.
+    pub integrator: IntegratorKind,
+    /// Whether dissipation is accounted.
+    pub ledger: bool,
+    /// Whether there are boundaries.
+    pub surfaces: bool,
+    /// Whether there is local damping.
+    pub damping: bool,
+    /// Whether a step is one launch, contacts with surfaces included. It saves the time of a launch, which small
+    /// worlds consist of, but takes so many registers that large ones are faster with two.
+    pub merged: bool,
+    /// Whether the cell is a box along the axes.
+    pub orthogonal: bool,
+    /// Whether the device's `fma` is fused.
+    pub fused: bool,
+}
+
+/// F4 of a pair of materials: normal, tangential, rolling, cohesion, friction, clip.
+pub const PAIR_QUADS: u32 = 6;
+
+/// Words of the table of worlds; floats as bits.
+pub mod world {
+    /// Words per world.
+    pub const WORDS: u32 = 96;
+    /// First particle.
+    pub const FIRST: u32 = 0;
+    /// Number of materials.
+    pub const MATERIALS: u32 = 1;
+    /// First pair of materials.
+    pub const PAIRS: u32 = 2;
+    /// First boundary.
+    pub const BOUNDARIES: u32 = 3;
+    /// Number of boundaries.
+    pub const BOUNDARY_COUNT: u32 = 4;
+    /// First cell.
+    pub const CELLS: u32 = 5;
+    /// Cells held.
+    pub const CELL_ROOM: u32 = 6;
+    /// First list entry.
+    pub const LISTS: u32 = 7;
+    /// List entries held.
+    pub const LIST_ROOM: u32 = 8;
+    /// First row of particles near surfaces.
+    pub const ROWS: u32 = 9;
+    /// Rows held.
+    pub const ROW_ROOM: u32 = 10;
+    /// First facet.
+    pub const FACETS: u32 = 11;
+    /// Facets held.
+    pub const FACET_ROOM: u32 = 12;
+    /// Blocks of particles.
+    pub const BLOCKS: u32 = 13;
+    /// Windows along each axis.
+    pub const WINDOWS: u32 = 14;
+    /// 1 along each axis that wraps.
+    pub const PERIODIC: u32 = 17;
+    /// Upper ends of open axes: windows (3), fractions (3).
+    pub const EXTENT: u32 = 20;
+    /// Step \[s\].
+    pub const DT: u32 = 26;
+    /// Gravity.
+    pub const GRAVITY: u32 = 27;
+    /// Local damping.
+    pub const DAMPING: u32 = 30;
+    /// Square of the displacement that is too much \[m²\].
+    pub const RUNAWAY: u32 = 31;
+    /// Overlap that stops the world.
+    pub const OVERLAP: u32 = 32;
+    /// Metres per unit: leading parts (9), rests (9).
+    pub const UNIT: u32 = 33;
+    /// Units per metre (9).
+    pub const INVERSE: u32 = 51;
+    /// Interaction distance beyond touch \[m\].
+    pub const RANGE: u32 = 60;
+    /// Mean radius \[m\].
+    pub const RADIUS_MEAN: u32 = 61;
+    /// Largest radius \[m\].
+    pub const RADIUS_MAX: u32 = 62;
+    /// Height of a window along each axis \[m\].
+    pub const HEIGHT: u32 = 63;
+    /// First entry of the series of surface forces.
+    pub const SERIES: u32 = 66;
+    /// Surfaces whose forces are kept.
+    pub const SURFACES: u32 = 67;
+    /// First slice.
+    pub const SLICES: u32 = 68;
+    /// Energy gained by a particle of unit mass that wraps upwards along each axis \[m²/s²\].
+    pub const WRAP: u32 = 69;
+}
+
+/// Words of a world's state that only the rebuild's one-unit kernels and the host write.
+pub mod status {
+    /// Words per world.
+    pub const WORDS: u32 = 16;
+    /// Steps done of this job when the group of launches began.
+    pub const BASE: u32 = 0;
+    /// Steps asked for.
+    pub const TARGET: u32 = 1;
+    /// Half of the columns that a step writes, at `BASE`.
+    pub const PARITY: u32 = 2;
+    /// Half of the columns that a rebuild writes.
+    pub const LISTED: u32 = 3;
+    /// Whether a rebuild is under way.
+    pub const REBUILDING: u32 = 4;
+    /// Skin \[m\], as bits.
+    pub const SKIN: u32 = 5;
+    /// Steps since the last rebuild, at `BASE`.
+    pub const SINCE: u32 = 6;
+    /// Rebuilds done in this job.
+    pub const REBUILDS: u32 = 7;
+    /// Particles.
+    pub const COUNT: u32 = 8;
+    /// Whether accelerations are known.
+    pub const PRIMED: u32 = 9;
+    /// Cells per window along each axis.
+    pub const CELLS: u32 = 10;
+    /// What the host asks for, or 0.
+    pub const ASKED: u32 = 13;
+    /// Rows of particles near surfaces.
+    pub const ROWS: u32 = 14;
+    /// Step of this job at the last rebuild, or `NONE`.
+    pub const REBUILT: u32 = 15;
+}
+
+/// Words of a world's state that many units write.
+pub mod flag {
+    /// Words per world.
+    pub const WORDS: u32 = 8;
+    /// Launch of the group in which lists became outdated.
+    pub const STALE: u32 = 0;
+    /// Why the world stopped, see [`super::halt`].
+    pub const HALT: u32 = 1;
+    /// Lowest particle concerned.
+    pub const WHO: u32 = 2;
+    /// Largest overlap as a fraction of the smaller radius, as bits.
+    pub const WORST: u32 = 3;
+    /// List entries, rows and facets needed.
+    pub const NEED: u32 = 4;
+    /// Steps that ran: must be those that were counted, or a kernel was silently not run.
+    pub const BEATS: u32 = 7;
+}
+
+/// Why a world stopped.
+pub mod halt {
+    /// It did not.
+    pub const NO: u32 = 0;
+    /// A particle moved too far in one step.
+    pub const RUNAWAY: u32 = 1;
+    /// An overlap above the limit.
+    pub const OVERLAP: u32 = 2;
+    /// Particles outside the domain, to be taken out by the host.
+    pub const LEFT: u32 = 3;
+    /// Too little room for lists, rows or facets.
+    pub const ROOM: u32 = 4;
+    /// More contacts of one particle with surfaces than are held.
+    pub const CONTACTS: u32 = 5;
+}
+
+/// Words of the table of boundaries.
+pub mod boundary {
+    /// Words per boundary.
+    pub const WORDS: u32 = 16;
+    /// First pose, in words.
+    pub const POSE: u32 = 0;
+    /// Words from the pose of a step to that of the next; 0 if it stands still.
+    pub const STRIDE: u32 = 1;
+    /// Material.
+    pub const MATERIAL: u32 = 2;
+    /// First triangle, or `NONE` for a plane.
+    pub const TRIANGLES: u32 = 3;
+    /// First vertex.
+    pub const VERTICES: u32 = 4;
+    /// Surface of the specification, or `NONE`.
+    pub const SURFACE: u32 = 5;
+    /// First node of the hierarchy.
+    pub const NODES: u32 = 6;
+    /// Largest size of a coordinate of the mesh in its frame \[m\], as bits.
+    pub const SIZE: u32 = 7;
+    /// First entry of the order of triangles.
+    pub const ORDER: u32 = 8;
+    /// Images in which particles may meet it, along each axis, as `IMAGE_ZERO` and more: lowest (3), highest (3).
+    pub const IMAGES: u32 = 9;
+}
+
+/// Words of a pose.
+pub mod pose {
+    /// Words per pose.
+    pub const WORDS: u32 = 44;
+    /// Windows of the frame's origin (3), fractions (3), rests (3).
+    pub const ORIGIN: u32 = 0;
+    /// Rotation from the body to the world by rows: leading parts (9), rests (9).
+    pub const ROTATION: u32 = 9;
+    /// Velocity of the origin (3), angular velocity (3).
+    pub const VELOCITY: u32 = 27;
+    /// Normal of a plane: leading parts (3), rests (3).
+    pub const NORMAL: u32 = 33;
+    /// 1 if it is there.
+    pub const PRESENT: u32 = 39;
+    /// How far its farthest point may have moved, counted from the last rebuild before the job \[m\].
+    pub const PATH: u32 = 40;
+}
+
+/// Most particles of a world whose steps are one launch.
+pub const MERGED: usize = 65_536;
+/// Contacts of a particle with surfaces that are remembered.
+pub const SLOTS: u32 = 8;
+/// Facets that one particle touches and that are compared with each other; below 32.
+pub const TOUCHED: u32 = 24;
+/// Words of a facet: triangle, boundary, image.
+pub const FACET_WORDS: u32 = 3;
+/// Bits of an image's component.
+pub const IMAGE_BITS: u32 = 10;
+/// Added to each component of an image so that it is not negative.
+pub const IMAGE_ZERO: i32 = 512;
+/// Sums of the ledger per block.
+pub const SUMS: u32 = 8;
+/// Sums of an observation per block.
+pub const SIGHTS: u32 = 10;
+
+/// A float of a table.
+#[cube]
+pub fn float_at(table: &Array<u32>, at: u32) -> f32 {
+    f32::reinterpret(table[at as usize])
+}
+
+/// Whether a step launch does anything in a world.
+#[cube]
+pub fn active(status: &Array<u32>, flags: &Array<Atomic<u32>>, w: u32, k: u32) -> bool {
+    let s = w * status::WORDS;
+    let f = w * flag::WORDS;
+    let stale = flags[(f + flag::STALE) as usize].load();
+    let base = status[(s + status::BASE) as usize];
+    let target = status[(s + status::TARGET) as usize];
+    k <= stale && base + k < target
+}

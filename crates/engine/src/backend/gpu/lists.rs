@@ -1,0 +1,578 @@
+//! Neighbour lists: particles binned, ordered and listed on the device.
+//!
+//! A rebuild is a fixed sequence of launches, in which only the worlds that need it take part. It reads one
+//! half of every column and writes the other; [`commit`] exchanges the halves if all went well, so that a
+//! rebuild for which there is too little room has changed nothing.
+
+use cubecl::prelude::*;
+
+use super::layout::{BLOCK, F4, NONE, RELIST, SLICE, U4, flag, float_at, halt, status, world};
+use super::step::square;
+use crate::setup::{SKIN_MAX, SKIN_MIN};
+
+/// Share that rounding may take of a cell.
+const MARGIN: f32 = 1.0e-4;
+
+/// Ends a group of launches: counts its steps and decides which worlds rebuild. One unit per world.
+#[cube(launch_unchecked)]
+pub fn begin(
+    group: u32,
+    count: u32,
+    worlds: &Array<u32>,
+    states: &mut Array<u32>,
+    flags: &mut Array<Atomic<u32>>,
+) {
+    let w = u32::cast_from(ABSOLUTE_POS);
+    if w < count {
+        let c = w * world::WORDS;
+        let s = w * status::WORDS;
+        let f = w * flag::WORDS;
+        let stale = flags[(f + flag::STALE) as usize].load();
+        let stopped = flags[(f + flag::HALT) as usize].load() != halt::NO;
+        let base = states[(s + status::BASE) as usize];
+        let left = states[(s + status::TARGET) as usize] - base;
+        let asked = states[(s + status::ASKED) as usize];
+        let outdated = stale != NONE;
+        let done = select(outdated, min(min(stale, group) + 1u32, left), min(group, left));
+        states[(s + status::BASE) as usize] = base + done;
+        states[(s + status::PARITY) as usize] = (states[(s + status::PARITY) as usize] + done) & 1u32;
+        let since = states[(s + status::SINCE) as usize] + done;
+        states[(s + status::SINCE) as usize] = since;
+        if done > 0u32 {
+            states[(s + status::PRIMED) as usize] = 1u32;
+        }
+        let rebuilds = (outdated || asked > 0u32) && !stopped;
+        states[(s + status::REBUILDING) as usize] = select(rebuilds, 1u32, 0u32);
+        if rebuilds {
+            let mean = float_at(worlds, c + world::RADIUS_MEAN);
+            let skin = float_at(states, s + status::SKIN);
+            // Fast flows need a wider reach, creeping ones waste it.
+            let mut wanted = skin;
+            if asked == 0u32 {
+                if since < 12u32 {
+                    wanted = f32::min(1.25f32 * skin, comptime!(SKIN_MAX as f32) * mean);
+                } else if since > 40u32 {
+                    wanted = f32::max(0.8f32 * skin, comptime!(SKIN_MIN as f32) * mean);
+                }
+            }
+            states[(s + status::SKIN) as usize] = u32::reinterpret(wanted);
+            let reach = 2.0f32 * float_at(worlds, c + world::RADIUS_MAX)
+                + float_at(worlds, c + world::RANGE)
+                + wanted;
+            #[unroll]
+            for k in 0..3u32 {
+                let height = float_at(worlds, c + world::HEIGHT + k);
+                let cells = f32::floor(height / (reach * (1.0f32 + MARGIN)));
+                states[(s + status::CELLS + k) as usize] =
+                    u32::cast_from(f32::clamp(cells, 1.0f32, 1.0e5f32));
+            }
+        }
+    }
+}
+
+/// Zeroes counters.
+#[cube(launch_unchecked)]
+pub fn clear(n: u32, counters: &mut Array<Atomic<u32>>) {
+    let i = u32::cast_from(ABSOLUTE_POS);
+    if i < n {
+        counters[i as usize].store(0u32);
+    }
+}
+
+/// Whether the world of this block is being rebuilt.
+#[cube]
+fn rebuilding(states: &Array<u32>, w: u32) -> bool {
+    states[(w * status::WORDS + status::REBUILDING) as usize] == 1u32
+}
+
+/// Cell of a window's fraction.
+#[cube]
+fn within(lo: u32, cells: u32) -> u32 {
+    let at = f32::cast_from(lo >> 8u32) * (1.0f32 / 16_777_216.0f32) * f32::cast_from(cells);
+    min(u32::cast_from(at), cells - 1u32)
+}
+
+/// Cell along an axis; open axes end at the domain's last cell.
+#[cube]
+fn cell_of(worlds: &Array<u32>, states: &Array<u32>, w: u32, hi: u32, lo: u32, k: u32) -> u32 {
+    let cells = states[(w * status::WORDS + status::CELLS + k) as usize];
+    let windows = worlds[(w * world::WORDS + world::WINDOWS + k) as usize];
+    let h = i32::cast_from(hi);
+    let top = i32::cast_from(windows) - 1i32;
+    let inside = clamp(h, 0i32, top);
+    let at = u32::cast_from(inside) * cells + within(lo, cells);
+    let low = select(h < 0i32, u32::cast_from(inside) * cells, at);
+    select(h > top, u32::cast_from(inside) * cells + cells - 1u32, low)
+}
+
+/// Place of a cell in the world's table; where there are more cells than places they share them.
+#[cube]
+fn bin_of(worlds: &Array<u32>, states: &Array<u32>, w: u32, x: u32, y: u32, z: u32) -> u32 {
+    let c = w * world::WORDS;
+    let s = w * status::WORDS + status::CELLS;
+    let nx = states[s as usize] * worlds[(c + world::WINDOWS) as usize];
+    let ny = states[(s + 1u32) as usize] * worlds[(c + world::WINDOWS + 1u32) as usize];
+    let room = worlds[(c + world::CELL_ROOM) as usize];
+    worlds[(c + world::CELLS) as usize] + ((z * ny + y) * nx + x) % room
+}
+
+/// Makes the present configuration the reference, unless the host asked for the one there is, and counts
+/// particles per cell. Particles outside the domain stop the world.
+#[cube(launch_unchecked)]
+pub fn bin(
+    padded: u32,
+    world_of: &Array<u32>,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    flags: &mut Array<Atomic<u32>>,
+    place: &Array<U4>,
+    own: &Array<U4>,
+    refs: &mut Array<U4>,
+    bins: &mut Array<u32>,
+    counters: &mut Array<Atomic<u32>>,
+) {
+    let w = world_of[CUBE_POS];
+    if rebuilding(states, w) {
+        let c = w * world::WORDS;
+        let s = w * status::WORDS;
+        let i = u32::cast_from(ABSOLUTE_POS);
+        if i - worlds[(c + world::FIRST) as usize] < states[(s + status::COUNT) as usize] {
+            let mine = states[(s + status::LISTED) as usize] * padded + i;
+            if states[(s + status::ASKED) as usize] != RELIST {
+                let here = place[(states[(s + status::PARITY) as usize] * padded + i) as usize];
+                let home = own[(2u32 * mine) as usize];
+                refs[(2u32 * mine) as usize] = here;
+                refs[(2u32 * mine + 1u32) as usize] = home;
+                let mut out = false;
+                #[unroll]
+                for k in 0..3u32 {
+                    if worlds[(c + world::PERIODIC + k) as usize] == 0u32 {
+                        let hi = i32::cast_from(home[k as usize]);
+                        let lo = here[k as usize];
+                        let end_hi = i32::cast_from(worlds[(c + world::EXTENT + k) as usize]);
+                        let end_lo = worlds[(c + world::EXTENT + 3u32 + k) as usize];
+                        out = out || hi < 0i32 || hi > end_hi || (hi == end_hi && lo > end_lo);
+                    }
+                }
+                if out {
+                    flags[(w * flag::WORDS + flag::HALT) as usize].fetch_max(halt::LEFT);
+                }
+            }
+            let lo = refs[(2u32 * mine) as usize];
+            let hi = refs[(2u32 * mine + 1u32) as usize];
+            let x = cell_of(worlds, states, w, hi[0], lo[0], 0u32);
+            let y = cell_of(worlds, states, w, hi[1], lo[1], 1u32);
+            let z = cell_of(worlds, states, w, hi[2], lo[2], 2u32);
+            let b = bin_of(worlds, states, w, x, y, z);
+            bins[i as usize] = b;
+            counters[b as usize].fetch_add(1u32);
+        }
+    }
+}
+
+/// Places particles in their cells, in any order.
+#[cube(launch_unchecked)]
+pub fn scatter(
+    world_of: &Array<u32>,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    bins: &Array<u32>,
+    starts: &Array<u32>,
+    counters: &mut Array<Atomic<u32>>,
+    order: &mut Array<u32>,
+) {
+    let w = world_of[CUBE_POS];
+    if rebuilding(states, w) {
+        let c = w * world::WORDS;
+        let first = worlds[(c + world::FIRST) as usize];
+        let i = u32::cast_from(ABSOLUTE_POS);
+        if i - first < states[(w * status::WORDS + status::COUNT) as usize] {
+            let b = bins[i as usize];
+            let begin = starts[worlds[(c + world::CELLS) as usize] as usize];
+            // Counters are counted down: what is left is the place within the cell.
+            let rank = counters[b as usize].fetch_add(NONE) - 1u32;
+            let at = first + starts[b as usize] - begin + rank;
+            order[at as usize] = i;
+        }
+    }
+}
+
+/// Sorts each cell by the particles' numbers. One unit per cell.
+#[cube(launch_unchecked)]
+pub fn sort(
+    padded: u32,
+    cells: u32,
+    world_of_cell: &Array<u32>,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    starts: &Array<u32>,
+    own: &Array<U4>,
+    order: &mut Array<u32>,
+) {
+    let b = u32::cast_from(ABSOLUTE_POS);
+    if b < cells {
+        let w = world_of_cell[(b / BLOCK) as usize];
+        if rebuilding(states, w) {
+            let c = w * world::WORDS;
+            let listed = states[(w * status::WORDS + status::LISTED) as usize] * padded;
+            let begin = starts[worlds[(c + world::CELLS) as usize] as usize];
+            let first = worlds[(c + world::FIRST) as usize];
+            let from = first + starts[b as usize] - begin;
+            let to = first + starts[(b + 1u32) as usize] - begin;
+            let mut k = from + 1u32;
+            while k < to {
+                let i = order[k as usize];
+                let id = own[(2u32 * (listed + i)) as usize][3];
+                let mut at = k;
+                let mut going = true;
+                while going && at > from {
+                    let before = order[(at - 1u32) as usize];
+                    if own[(2u32 * (listed + before)) as usize][3] > id {
+                        order[at as usize] = before;
+                        at -= 1u32;
+                    } else {
+                        going = false;
+                    }
+                }
+                order[at as usize] = i;
+                k += 1u32;
+            }
+        }
+    }
+}
+
+/// Puts the columns into the new order.
+#[cube(launch_unchecked)]
+pub fn gather(
+    padded: u32,
+    world_of: &Array<u32>,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    order: &Array<u32>,
+    place: &mut Array<U4>,
+    vel: &mut Array<F4>,
+    spin: &mut Array<U4>,
+    own: &mut Array<U4>,
+    refs: &mut Array<U4>,
+    slow: &mut Array<F4>,
+    renamed: &mut Array<u32>,
+) {
+    let w = world_of[CUBE_POS];
+    if rebuilding(states, w) {
+        let s = w * status::WORDS;
+        let i = u32::cast_from(ABSOLUTE_POS);
+        if i - worlds[(w * world::WORDS + world::FIRST) as usize] < states[(s + status::COUNT) as usize] {
+            let old = order[i as usize];
+            let parity = states[(s + status::PARITY) as usize];
+            let listed = states[(s + status::LISTED) as usize];
+            let from = (parity * padded + old) as usize;
+            let to = ((1u32 - parity) * padded + i) as usize;
+            place[to] = place[from];
+            vel[to] = vel[from];
+            spin[to] = spin[from];
+            let a = listed * padded + old;
+            let b = (1u32 - listed) * padded + i;
+            #[unroll]
+            for k in 0..2u32 {
+                own[(2u32 * b + k) as usize] = own[(2u32 * a + k) as usize];
+                refs[(2u32 * b + k) as usize] = refs[(2u32 * a + k) as usize];
+            }
+            #[unroll]
+            for k in 0..3u32 {
+                slow[(3u32 * b + k) as usize] = slow[(3u32 * a + k) as usize];
+            }
+            renamed[old as usize] = i;
+        }
+    }
+}
+
+/// What a visit to a candidate finds.
+#[derive(CubeType, Clone, Copy)]
+struct Found {
+    /// Whether it belongs on the list.
+    listed: bool,
+    /// Whether it touches in the reference configuration.
+    touches: bool,
+}
+
+/// The difference of two places in windows along an axis, to the nearest image, roughly.
+#[cube]
+fn windows_apart(worlds: &Array<u32>, c: u32, hi_a: u32, lo_a: u32, hi_b: u32, lo_b: u32, k: u32) -> f32 {
+    let windows = i32::cast_from(worlds[(c + world::WINDOWS + k) as usize]);
+    let periodic = worlds[(c + world::PERIODIC + k) as usize] == 1u32;
+    let fraction = (f32::cast_from(lo_b) - f32::cast_from(lo_a)) * (1.0f32 / 4_294_967_296.0f32);
+    let d = i32::cast_from(hi_b - hi_a);
+    let near = f32::cast_from(d) + fraction;
+    let span = f32::cast_from(windows);
+    let low = select(near < 0.0f32 - 0.5f32 * span, near + span, near);
+    let nearest = select(low > 0.5f32 * span, low - span, low);
+    select(periodic, nearest, near)
+}
+
+#[cube]
+fn visit(worlds: &Array<u32>, c: u32, refs: &Array<U4>, a: u32, b: u32, skin: f32) -> Found {
+    let lo_a = refs[(2u32 * a) as usize];
+    let hi_a = refs[(2u32 * a + 1u32) as usize];
+    let lo_b = refs[(2u32 * b) as usize];
+    let hi_b = refs[(2u32 * b + 1u32) as usize];
+    // Fractions alone do not tell a neighbour from a particle one window further.
+    let x = windows_apart(worlds, c, hi_a[0], lo_a[0], hi_b[0], lo_b[0], 0u32);
+    let y = windows_apart(worlds, c, hi_a[1], lo_a[1], hi_b[1], lo_b[1], 1u32);
+    let z = windows_apart(worlds, c, hi_a[2], lo_a[2], hi_b[2], lo_b[2], 2u32);
+    let near = f32::abs(x) < 0.49f32 && f32::abs(y) < 0.49f32 && f32::abs(z) < 0.49f32;
+    let d2 = square(
+        worlds,
+        c,
+        i32::cast_from(lo_b[0] - lo_a[0]),
+        i32::cast_from(lo_b[1] - lo_a[1]),
+        i32::cast_from(lo_b[2] - lo_a[2]),
+    );
+    let touch = f32::reinterpret(lo_a[3]) + f32::reinterpret(lo_b[3]) + float_at(worlds, c + world::RANGE);
+    let reach = (touch + skin) * 1.000_001f32;
+    Found { listed: near && d2 < reach * reach, touches: d2 < touch * touch }
+}
+
+/// Counts neighbours, or writes them: those that touch first, so that the forces' loads lie together.
+#[cube]
+fn neighbours(
+    i: u32,
+    w: u32,
+    half: u32,
+    from: u32,
+    room: u32,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    starts: &Array<u32>,
+    refs: &Array<U4>,
+    own: &Array<U4>,
+    nbr: &mut Array<u32>,
+    #[comptime] writes: bool,
+) -> u32 {
+    let c = w * world::WORDS;
+    let s = w * status::WORDS;
+    let me = half + i;
+    let lo = refs[(2u32 * me) as usize];
+    let hi = refs[(2u32 * me + 1u32) as usize];
+    let my_id = own[(2u32 * me) as usize][3];
+    let skin = float_at(states, s + status::SKIN);
+    let first = worlds[(c + world::FIRST) as usize];
+    let begin = starts[worlds[(c + world::CELLS) as usize] as usize];
+    let cx = cell_of(worlds, states, w, hi[0], lo[0], 0u32);
+    let cy = cell_of(worlds, states, w, hi[1], lo[1], 1u32);
+    let cz = cell_of(worlds, states, w, hi[2], lo[2], 2u32);
+    let nx = states[(s + status::CELLS) as usize] * worlds[(c + world::WINDOWS) as usize];
+    let ny = states[(s + status::CELLS + 1u32) as usize] * worlds[(c + world::WINDOWS + 1u32) as usize];
+    let nz = states[(s + status::CELLS + 2u32) as usize] * worlds[(c + world::WINDOWS + 2u32) as usize];
+    let px = worlds[(c + world::PERIODIC) as usize] == 1u32;
+    let py = worlds[(c + world::PERIODIC + 1u32) as usize] == 1u32;
+    let pz = worlds[(c + world::PERIODIC + 2u32) as usize] == 1u32;
+    let mut found = 0u32;
+    let mut front = 0u32;
+    let mut back = room;
+    for a in 0..3u32 {
+        let z = stepped(cz, a, nz, pz);
+        for b in 0..3u32 {
+            let y = stepped(cy, b, ny, py);
+            for d in 0..3u32 {
+                let x = stepped(cx, d, nx, px);
+                if x != NONE && y != NONE && z != NONE {
+                    let bin = bin_of(worlds, states, w, x, y, z);
+                    let to = first + starts[(bin + 1u32) as usize] - begin;
+                    let mut j = first + starts[bin as usize] - begin;
+                    while j < to {
+                        if j != i {
+                            let there = half + j;
+                            let v = visit(worlds, c, refs, me, there, skin);
+                            let lo_j = refs[(2u32 * there) as usize];
+                            let hi_j = refs[(2u32 * there + 1u32) as usize];
+                            // Cells may share a place in the table: only those of this cell count.
+                            let here = cell_of(worlds, states, w, hi_j[0], lo_j[0], 0u32) == x
+                                && cell_of(worlds, states, w, hi_j[1], lo_j[1], 1u32) == y
+                                && cell_of(worlds, states, w, hi_j[2], lo_j[2], 2u32) == z;
+                            if v.listed && here {
+                                found += 1u32;
+                                if comptime!(writes) {
+                                    let second = own[(2u32 * there) as usize][3] < my_id;
+                                    let entry = j | select(second, 0x8000_0000u32, 0u32);
+                                    if v.touches {
+                                        nbr[(from + front * SLICE) as usize] = entry;
+                                        front += 1u32;
+                                    } else {
+                                        back -= 1u32;
+                                        nbr[(from + back * SLICE) as usize] = entry;
+                                    }
+                                }
+                            }
+                        }
+                        j += 1u32;
+                    }
+                }
+            }
+        }
+    }
+    found
+}
+
+/// The cell `offset - 1` beside `at`, or `NONE` beyond the domain or where it was visited before.
+#[cube]
+fn stepped(at: u32, offset: u32, n: u32, periodic: bool) -> u32 {
+    let up = at + offset;
+    let low = up == 0u32;
+    let high = up > n;
+    let plain = select(low || high, NONE, up - 1u32);
+    let wrapped = select(low, n - 1u32, select(high, 0u32, up - 1u32));
+    // Two cells: the one below is the one above. One cell: both are the cell itself.
+    let twice = (n == 2u32 && offset == 0u32) || (n == 1u32 && offset != 1u32);
+    select(periodic, select(twice, NONE, wrapped), plain)
+}
+
+/// Counts the neighbours of each particle; the longest list of a slice decides its width.
+#[cube(launch_unchecked)]
+pub fn measure(
+    padded: u32,
+    world_of: &Array<u32>,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    starts: &Array<u32>,
+    refs: &Array<U4>,
+    own: &Array<U4>,
+    lists: &mut Array<u32>,
+    widths: &mut Array<u32>,
+    nbr: &mut Array<u32>,
+) {
+    let w = world_of[CUBE_POS];
+    let mut counts = SharedMemory::<u32>::new(comptime!(BLOCK as usize));
+    let takes_part = rebuilding(states, w);
+    let i = u32::cast_from(ABSOLUTE_POS);
+    let mut n = 0u32;
+    if takes_part {
+        let s = w * status::WORDS;
+        let half = (1u32 - states[(s + status::LISTED) as usize]) * padded;
+        if i - worlds[(w * world::WORDS + world::FIRST) as usize] < states[(s + status::COUNT) as usize] {
+            n = neighbours(i, w, half, 0u32, 0u32, worlds, states, starts, refs, own, nbr, false);
+        }
+        lists[(half + i) as usize] = n;
+    }
+    counts[UNIT_POS as usize] = n;
+    sync_cube();
+    if UNIT_POS % SLICE == 0u32 {
+        let mut width = 0u32;
+        for k in 0..SLICE {
+            width = max(width, counts[(UNIT_POS + k) as usize]);
+        }
+        widths[(i / SLICE) as usize] = width * SLICE;
+    }
+}
+
+/// Writes the lists and gives contacts what they remember.
+#[cube(launch_unchecked)]
+pub fn fill(
+    padded: u32,
+    list_room: u32,
+    world_of: &Array<u32>,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    flags: &mut Array<Atomic<u32>>,
+    starts: &Array<u32>,
+    refs: &Array<U4>,
+    own: &Array<U4>,
+    order: &Array<u32>,
+    renamed: &Array<u32>,
+    widths: &Array<u32>,
+    lists: &mut Array<u32>,
+    nbr: &mut Array<u32>,
+    hist: &mut Array<F4>,
+) {
+    let w = world_of[CUBE_POS];
+    if rebuilding(states, w) {
+        let c = w * world::WORDS;
+        let s = w * status::WORDS;
+        let i = u32::cast_from(ABSOLUTE_POS);
+        let old_half = states[(s + status::LISTED) as usize];
+        let new_half = 1u32 - old_half;
+        let slice = i / SLICE;
+        let offset = widths[slice as usize] - widths[worlds[(c + world::SLICES) as usize] as usize];
+        let end = widths[(slice + 1u32) as usize] - widths[worlds[(c + world::SLICES) as usize] as usize];
+        let begins = worlds[(c + world::LISTS) as usize] + offset;
+        if UNIT_POS % SLICE == 0u32 {
+            lists[(2u32 * padded + new_half * (padded / SLICE) + slice) as usize] = begins;
+        }
+        if end > worlds[(c + world::LIST_ROOM) as usize] {
+            flags[(w * flag::WORDS + flag::HALT) as usize].fetch_max(halt::ROOM);
+            flags[(w * flag::WORDS + flag::NEED) as usize].fetch_max(end);
+        } else if i - worlds[(c + world::FIRST) as usize] < states[(s + status::COUNT) as usize] {
+            let n = lists[(new_half * padded + i) as usize];
+            let from = new_half * list_room + begins + i % SLICE;
+            neighbours(i, w, new_half * padded, from, n, worlds, states, starts, refs, own, nbr, true);
+            let old = order[i as usize];
+            let old_n = lists[(old_half * padded + old) as usize];
+            let old_from = old_half * list_room
+                + lists[(2u32 * padded + old_half * (padded / SLICE) + old / SLICE) as usize]
+                + old % SLICE;
+            for k in 0..old_n {
+                let at = old_from + k * SLICE;
+                let entry = nbr[at as usize];
+                if (entry >> 30u32) & 1u32 == 1u32 {
+                    let j = renamed[(entry & 0x3fff_ffffu32) as usize];
+                    let mut q = 0u32;
+                    while q < n {
+                        let to = from + q * SLICE;
+                        let candidate = nbr[to as usize];
+                        if (candidate & 0x3fff_ffffu32) == j {
+                            nbr[to as usize] = candidate | 0x4000_0000u32;
+                            hist[to as usize] = hist[at as usize];
+                            q = n;
+                        } else {
+                            q += 1u32;
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Ends a rebuild: exchanges the halves, or asks the host for help. One unit per world.
+#[cube(launch_unchecked)]
+pub fn commit(
+    count: u32,
+    worlds: &Array<u32>,
+    states: &mut Array<u32>,
+    flags: &mut Array<Atomic<u32>>,
+    row_starts: &Array<u32>,
+    #[comptime] surfaces: bool,
+) {
+    let w = u32::cast_from(ABSOLUTE_POS);
+    if w < count {
+        let c = w * world::WORDS;
+        let s = w * status::WORDS;
+        let f = w * flag::WORDS;
+        let stopped = flags[(f + flag::HALT) as usize].load() != halt::NO;
+        if stopped {
+            states[(s + status::TARGET) as usize] = states[(s + status::BASE) as usize];
+        } else {
+            if states[(s + status::REBUILDING) as usize] == 1u32 {
+                states[(s + status::PARITY) as usize] = 1u32 - states[(s + status::PARITY) as usize];
+                states[(s + status::LISTED) as usize] = 1u32 - states[(s + status::LISTED) as usize];
+                states[(s + status::SINCE) as usize] = select(
+                    states[(s + status::ASKED) as usize] == RELIST,
+                    states[(s + status::SINCE) as usize],
+                    0u32,
+                );
+                if states[(s + status::ASKED) as usize] == 0u32 {
+                    states[(s + status::REBUILDS) as usize] += 1u32;
+                    states[(s + status::REBUILT) as usize] = states[(s + status::BASE) as usize];
+                }
+                if comptime!(surfaces) {
+                    let first = worlds[(c + world::FIRST) as usize];
+                    let blocks = worlds[(c + world::BLOCKS) as usize];
+                    states[(s + status::ROWS) as usize] =
+                        row_starts[(first + blocks * BLOCK) as usize] - row_starts[first as usize];
+                }
+            }
+            flags[(f + flag::STALE) as usize].store(NONE);
+        }
+        states[(s + status::ASKED) as usize] = 0u32;
+        states[(s + status::REBUILDING) as usize] = 0u32;
+    }
+}

@@ -1,0 +1,351 @@
+//! The GPU backend: the laws' own source, expanded by CubeCL into kernels for Vulkan, Metal, DirectX or CUDA.
+
+// Kernels: what is decided when they are expanded stands apart from what is decided when they run, and the expander
+// knows operators only.
+#![allow(clippy::collapsible_if, clippy::collapsible_else_if, clippy::manual_is_multiple_of)]
+
+mod compensated;
+mod device;
+mod fleet;
+mod layout;
+mod lists;
+mod pair;
+pub mod probe;
+mod rows;
+mod scan;
+mod step;
+mod surfaces;
+mod tables;
+
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+
+use cubecl::future::block_on;
+use cubecl::prelude::*;
+use cubecl::wgpu::{MemoryConfiguration, RuntimeOptions, WgpuDevice, WgpuRuntime, WgpuSetup, init_device};
+
+use self::probe::{Adapter, Kind};
+use super::{Fleet, Unavailable};
+use crate::setup::Constants;
+use crate::state::State;
+
+/// Launches that wgpu gathers into one submission.
+const TASKS: usize = 32;
+
+/// Least memory of a particle: all columns, and 16 places for neighbours \[bytes\].
+const BYTES: u64 = 1100;
+/// The part of it in the largest buffer, what contacts remember \[bytes\].
+const LARGEST: u64 = 512;
+
+/// Which device to open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Choice {
+    /// The first of [`probe::adapters`] that is a graphics processor.
+    First,
+    /// The first, be it software that acts as one: for tests.
+    Any,
+    /// By number in [`probe::adapters`].
+    Adapter(usize),
+    /// By number among the devices that CUDA knows.
+    Cuda(usize),
+}
+
+/// A device to run on, which was found fit and opened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Accelerator(Door);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Door {
+    /// By place in [`opened`].
+    Adapter(usize),
+    #[cfg(feature = "cuda")]
+    Cuda(usize),
+}
+
+/// An adapter that CubeCL holds until the program ends.
+struct Opened {
+    number: usize,
+    adapter: Adapter,
+    device: WgpuDevice,
+    fault: Arc<OnceLock<String>>,
+}
+
+/// Adapters that were opened.
+fn opened() -> MutexGuard<'static, Vec<Opened>> {
+    static OPENED: Mutex<Vec<Opened>> = Mutex::new(Vec::new());
+    // What another thread left when it panicked is whole: a row is pushed at once.
+    OPENED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Accelerator {
+    /// Opens a device, or takes it up again.
+    ///
+    /// # Errors
+    /// There is no such device, or it cannot run the kernels: why, and what to do.
+    pub fn open(choice: Choice) -> Result<Self, Unavailable> {
+        if let Choice::Cuda(number) = choice {
+            return open_cuda(number);
+        }
+        let mut opened = opened();
+        let (instance, handles) = probe::enumerate();
+        let adapters = probe::adapters_of(&handles);
+        let number = pick(&adapters, choice)?;
+        if let Some(place) = opened.iter().position(|o| o.number == number) {
+            return Ok(Self(Door::Adapter(place)));
+        }
+        // `pick` gives numbers of adapters that are there.
+        let Some((adapter, handle)) = adapters.into_iter().zip(handles).nth(number) else {
+            return Err(probe::why_no_hardware());
+        };
+        let (device, queue) = block_on(
+            handle.request_device(&wgpu::DeviceDescriptor {
+                required_features: handle
+                    .features()
+                    .difference(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS)
+                    .difference(wgpu::Features::all_experimental_mask()),
+                required_limits: handle.limits(),
+                // CubeCL pools buffers itself.
+                memory_hints: wgpu::MemoryHints::MemoryUsage,
+                ..wgpu::DeviceDescriptor::default()
+            }),
+        )
+        .map_err(|error| {
+            Unavailable::new(
+                &format!("gpu:{number} ({})", adapter.name),
+                format!("the driver does not open it: {error}"),
+                "end other programs that use it, or update its driver",
+            )
+        })?;
+        let fault = Arc::new(OnceLock::new());
+        let (of_error, of_loss) = (fault.clone(), fault.clone());
+        // Without these wgpu panics, or goes on as if nothing had happened. The first fault is the cause of the rest.
+        device.on_uncaptured_error(Arc::new(move |error| {
+            let _ = of_error.set(error.to_string());
+        }));
+        device.set_device_lost_callback(move |reason, message| {
+            let _ = of_loss.set(format!("the device was lost ({reason:?}): {message}"));
+        });
+        let backend = handle.get_info().backend;
+        let setup = WgpuSetup { instance, adapter: handle, device, queue, backend };
+        let options = RuntimeOptions { tasks_max: TASKS, memory_config: MemoryConfiguration::default() };
+        let device = init_device(setup, options);
+        opened.push(Opened { number, adapter, device, fault });
+        Ok(Self(Door::Adapter(opened.len() - 1)))
+    }
+
+    /// As `--device` names it, and as its driver does.
+    pub fn name(self) -> String {
+        match self.0 {
+            Door::Adapter(place) => opened().get(place).map_or_else(String::new, |o| {
+                format!("gpu:{} ({}, {})", o.number, o.adapter.name, o.adapter.api)
+            }),
+            #[cfg(feature = "cuda")]
+            Door::Cuda(number) => {
+                let known = probe::cuda_devices().ok().and_then(|all| all.into_iter().nth(number));
+                format!("cuda:{number} ({})", known.map_or_else(String::new, |device| device.name))
+            }
+        }
+    }
+
+    /// The first thing that went wrong on the device and that no call has reported: memory that ran out, a kernel
+    /// that was refused, a driver that was reset.
+    pub fn fault(self) -> Option<String> {
+        match self.0 {
+            Door::Adapter(place) => opened().get(place).and_then(|o| o.fault.get().cloned()),
+            #[cfg(feature = "cuda")]
+            Door::Cuda(_) => None,
+        }
+    }
+
+    /// Why the device has no room for that many particles.
+    pub fn crowded(self, particles: usize) -> Option<String> {
+        let (memory, largest) = match self.0 {
+            Door::Adapter(place) => {
+                let opened = opened();
+                let adapter = &opened.get(place)?.adapter;
+                (adapter.memory, adapter.largest_buffer)
+            }
+            #[cfg(feature = "cuda")]
+            Door::Cuda(number) => {
+                let memory = probe::cuda_devices().ok()?.get(number)?.memory;
+                // CubeCL's pools give a quarter of the memory at once.
+                (memory, memory.map_or(u64::MAX, |bytes| bytes / 4))
+            }
+        };
+        crowded(particles as u64, memory, largest)
+    }
+
+    /// A batch of worlds on the device.
+    pub fn fleet(self, worlds: Vec<(Arc<Constants>, &mut State)>) -> Box<dyn Fleet> {
+        match self.0 {
+            Door::Adapter(place) => {
+                // Accelerators are made with their row, and rows stay.
+                let device = opened().get(place).map_or(WgpuDevice::DefaultDevice, |o| o.device.clone());
+                Box::new(fleet::GpuFleet::<WgpuRuntime>::new(WgpuRuntime::client(&device), worlds))
+            }
+            #[cfg(feature = "cuda")]
+            Door::Cuda(index) => {
+                type R = cubecl::cuda::CudaRuntime;
+                let client = R::client(&cubecl::cuda::CudaDevice { index });
+                Box::new(fleet::GpuFleet::<R>::new(client, worlds))
+            }
+        }
+    }
+}
+
+/// The number of the adapter that a choice means.
+fn pick(adapters: &[Adapter], choice: Choice) -> Result<usize, Unavailable> {
+    let number = match choice {
+        Choice::Adapter(number) => number,
+        Choice::Any => 0,
+        Choice::First | Choice::Cuda(_) => {
+            return adapters.iter().position(Adapter::is_hardware).ok_or_else(|| no_hardware(adapters));
+        }
+    };
+    let what = format!("gpu:{number}");
+    match adapters.get(number) {
+        Some(Adapter { unfit: None, .. }) => Ok(number),
+        Some(Adapter { name, unfit: Some(why), .. }) => Err(Unavailable::new(
+            &what,
+            format!("{name} cannot run the kernels: {why}"),
+            "update its driver, or use another device",
+        )),
+        None if adapters.is_empty() => {
+            let why = probe::why_no_hardware();
+            Err(Unavailable::new(
+                &what,
+                format!("there is no device: {}: {}", why.what, why.why),
+                &why.remedy,
+            ))
+        }
+        None => Err(Unavailable::new(
+            &what,
+            format!("there is no device of that number; there are gpu:0 to gpu:{}", adapters.len() - 1),
+            "`glebe devices` lists them",
+        )),
+    }
+}
+
+/// Why there is no graphics processor among the adapters; what else there is.
+fn no_hardware(adapters: &[Adapter]) -> Unavailable {
+    let unfit = adapters.iter().find(|adapter| adapter.kind != Kind::Software);
+    if let Some((name, why)) = unfit.and_then(|adapter| Some((&adapter.name, adapter.unfit.as_ref()?))) {
+        let why = format!("{name} cannot run the kernels: {why}");
+        return Unavailable::new("gpu", why, "update its driver, or use --device cpu");
+    }
+    let Unavailable { what, why, remedy } = probe::why_no_hardware();
+    let software = adapters.iter().enumerate().find(|(_, a)| a.kind == Kind::Software && a.unfit.is_none());
+    let force = software.map_or_else(String::new, |(number, adapter)| {
+        let name = &adapter.name;
+        format!(
+            "; --device gpu:{number} forces {name}, a program that acts as a graphics processor, slower than \
+             --device cpu"
+        )
+    });
+    Unavailable {
+        what: "gpu".to_owned(),
+        why: format!("no graphics processor was found: {what}: {why}"),
+        remedy: remedy + &force,
+    }
+}
+
+#[cfg(feature = "cuda")]
+fn open_cuda(number: usize) -> Result<Accelerator, Unavailable> {
+    let count = probe::cuda_devices()?.len();
+    if number >= count {
+        return Err(Unavailable::new(
+            &format!("cuda:{number}"),
+            format!("there is no device of that number; there are cuda:0 to cuda:{}", count - 1),
+            "`glebe devices` lists them",
+        ));
+    }
+    Ok(Accelerator(Door::Cuda(number)))
+}
+
+#[cfg(not(feature = "cuda"))]
+fn open_cuda(_: usize) -> Result<Accelerator, Unavailable> {
+    Err(probe::no_cuda())
+}
+
+/// Why there is no room for that many particles on a device with that memory and largest buffer \[bytes\].
+fn crowded(particles: u64, memory: Option<u64>, largest: u64) -> Option<String> {
+    let told = |needs: u64, what: &str, has: u64| {
+        format!(
+            "{particles} particles need {what} {} MB, and the device has {} MB",
+            needs.div_ceil(1_000_000),
+            has / 1_000_000
+        )
+    };
+    let (all, one) = (particles * BYTES, particles * LARGEST);
+    match memory {
+        Some(memory) if all > memory => Some(told(all, "at least", memory)),
+        _ if one > largest => Some(told(one, "a buffer of at least", largest)),
+        _ => None,
+    }
+}
+
+/// What no device can do with a world, however large it is.
+pub fn refusal(c: &Constants) -> Option<String> {
+    let laws = &c.laws;
+    let springs = laws.tangential.history().len();
+    let others = [laws.normal.history(), laws.rolling.history(), laws.cohesion.history()];
+    let forgotten = !matches!(springs, 0 | 4) || others.iter().any(|floats| !floats.is_empty());
+    forgotten.then(|| {
+        "a device remembers the stretch of the tangential spring in contacts and nothing else, and the laws of this \
+         world remember more"
+            .to_owned()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn adapter(kind: Kind, unfit: Option<&str>) -> Adapter {
+        Adapter {
+            name: format!("a {} one", kind.name()),
+            driver: String::new(),
+            api: "Vulkan",
+            kind,
+            memory: None,
+            largest_buffer: 1 << 30,
+            buffers: 32,
+            unfit: unfit.map(str::to_owned),
+        }
+    }
+
+    #[test]
+    fn software_is_taken_only_when_asked_for() {
+        let mixed = [
+            adapter(Kind::Discrete, Some("too old")),
+            adapter(Kind::Virtual, None),
+            adapter(Kind::Software, None),
+        ];
+        assert_eq!(pick(&mixed, Choice::First).unwrap(), 1);
+        assert_eq!(pick(&mixed, Choice::Adapter(2)).unwrap(), 2);
+        assert!(pick(&mixed, Choice::Adapter(0)).unwrap_err().why.contains("too old"));
+        assert!(pick(&mixed, Choice::Adapter(3)).unwrap_err().why.contains("gpu:0 to gpu:2"));
+
+        let software = &mixed[2..];
+        assert_eq!(pick(software, Choice::Any).unwrap(), 0);
+        let told = pick(software, Choice::First).unwrap_err();
+        assert!(told.remedy.contains("--device gpu:0 forces a software one"), "{told}");
+        assert!(pick(&mixed[..1], Choice::First).unwrap_err().why.contains("too old"));
+        for choice in [Choice::First, Choice::Any, Choice::Adapter(0)] {
+            assert!(pick(&[], choice).is_err());
+        }
+    }
+
+    #[test]
+    fn room_is_looked_at_before_it_is_taken() {
+        const GB: u64 = 1_000_000_000;
+        assert_eq!(crowded(1_000_000, Some(2 * GB), GB), None);
+        assert!(crowded(2_000_000, Some(2 * GB), 2 * GB).unwrap().contains("at least 2200 MB"));
+        assert!(crowded(1_000_000, None, GB / 8).unwrap().contains("a buffer of at least 512 MB"));
+    }
+
+    #[test]
+    fn a_device_that_is_not_there_is_an_error() {
+        assert!(Accelerator::open(Choice::Adapter(1000)).is_err());
+        assert!(Accelerator::open(Choice::Cuda(1000)).is_err());
+    }
+}

@@ -1,0 +1,1200 @@
+//! A step: each particle sums its own contacts in the order of its list, and moves.
+
+use cubecl::prelude::*;
+use glebe_physics::IntegratorKind;
+use glebe_physics::kernel::integrate::{
+    Adams, Advance, Euler, Exact, Scheme, VelocityVerlet, locally_damped,
+};
+use glebe_physics::kernel::vector::{V3, cross, dot, plus, scaled};
+
+use super::compensated::{Two3, gap, sum, tidy, whole};
+use super::layout::{
+    BLOCK, F4, LOOK, NONE, SIGHTS, SLICE, SLOTS, SUMS, Signature, U4, active, boundary, flag, float_at, halt,
+    pose, status, world,
+};
+use super::pair::{Meeting, interact, inverse_inertia};
+use super::surfaces::{Spot, metres, surfaces_of, unwrapped};
+
+/// What a launch is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Purpose {
+    /// A step.
+    Step,
+    /// Accelerations of the present configuration, before the first step of schemes that need them.
+    Prime,
+    /// Energies and counts of the present configuration.
+    Observe,
+}
+
+/// Sums over the contacts of one particle.
+#[derive(CubeType, Clone, Copy)]
+pub struct Sums {
+    /// Force \[N\].
+    pub force: V3,
+    /// Torque \[N m\].
+    pub torque: V3,
+    /// The dashpots' part of the force \[N\].
+    pub dash: V3,
+    /// The dashpots' part of the torque \[N m\].
+    pub drag: V3,
+    /// Torque of rolling resistance \[N m\].
+    pub roll: V3,
+    /// This particle's share of the contacts' energies and losses, see [`Effect`].
+    pub energy_normal: f32,
+    /// Energy of tangential springs \[J\].
+    pub energy_tangential: f32,
+    /// The same before the step's motion \[J\].
+    pub energy_before: f32,
+    /// Lost to friction \[J\].
+    pub friction_loss: f32,
+    /// Power of dashpots \[W\].
+    pub dash_power: f32,
+    /// Power of rolling resistance \[W\].
+    pub roll_power: f32,
+    /// Work of surfaces \[W\].
+    pub work: f32,
+    /// Largest overlap as a fraction of the smaller radius.
+    pub worst: f32,
+    /// Contacts.
+    pub contacts: u32,
+}
+
+/// A rounding of small angles and such needs no sign of zero: the vector of zeros.
+#[cube]
+pub fn zero() -> V3 {
+    V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 }
+}
+
+/// `a` if `second`, else `b`.
+#[cube]
+fn pick(second: bool, a: V3, b: V3) -> V3 {
+    V3 { x: select(second, a.x, b.x), y: select(second, a.y, b.y), z: select(second, a.z, b.z) }
+}
+
+#[cube]
+fn first3(q: F4) -> V3 {
+    V3 { x: q[0], y: q[1], z: q[2] }
+}
+
+#[cube]
+fn bits3(q: U4) -> V3 {
+    V3 { x: f32::reinterpret(q[0]), y: f32::reinterpret(q[1]), z: f32::reinterpret(q[2]) }
+}
+
+#[cube]
+pub fn four(a: f32, b: f32, c: f32, d: f32) -> F4 {
+    let mut q = F4::empty();
+    q[0] = a;
+    q[1] = b;
+    q[2] = c;
+    q[3] = d;
+    q
+}
+
+#[cube]
+pub fn quad(a: u32, b: u32, c: u32, d: u32) -> U4 {
+    let mut q = U4::empty();
+    q[0] = a;
+    q[1] = b;
+    q[2] = c;
+    q[3] = d;
+    q
+}
+
+/// The difference of two places in units, exactly.
+#[cube]
+fn units(a: U4, b: U4, k: usize) -> i32 {
+    i32::cast_from(b[k] - a[k])
+}
+
+/// The square of a difference in units, in m², roughly.
+#[cube]
+pub fn square(worlds: &Array<u32>, c: u32, dx: i32, dy: i32, dz: i32) -> f32 {
+    let u = c + world::UNIT;
+    let (x, y, z) = (f32::cast_from(dx), f32::cast_from(dy), f32::cast_from(dz));
+    let a = x * float_at(worlds, u) + y * float_at(worlds, u + 1u32) + z * float_at(worlds, u + 2u32);
+    let b = x * float_at(worlds, u + 3u32) + y * float_at(worlds, u + 4u32) + z * float_at(worlds, u + 5u32);
+    let d = x * float_at(worlds, u + 6u32) + y * float_at(worlds, u + 7u32) + z * float_at(worlds, u + 8u32);
+    a * a + b * b + d * d
+}
+
+#[cube]
+fn ahead(v: f32, a: f32, dt: f32, #[comptime] kind: IntegratorKind) -> Advance {
+    match kind {
+        IntegratorKind::Euler => Euler::before(v, a, dt),
+        IntegratorKind::Exact => Exact::before(v, a, dt),
+        IntegratorKind::Adams => Adams::before(v, a, dt),
+        IntegratorKind::VelocityVerlet => VelocityVerlet::before(v, a, dt),
+    }
+}
+
+#[cube]
+fn advanced(v: f32, a: f32, old: f32, dt: f32, #[comptime] kind: IntegratorKind) -> Advance {
+    match kind {
+        IntegratorKind::Euler => Euler::after(v, a, old, dt),
+        IntegratorKind::Exact => Exact::after(v, a, old, dt),
+        IntegratorKind::Adams => Adams::after(v, a, old, dt),
+        IntegratorKind::VelocityVerlet => VelocityVerlet::after(v, a, old, dt),
+    }
+}
+
+/// One component of the place after a displacement of `units`: fraction, rest and the windows crossed.
+#[derive(CubeType, Clone, Copy)]
+struct Shifted {
+    lo: u32,
+    rest: f32,
+    carry: i32,
+}
+
+#[cube]
+fn shifted(lo: u32, rest: f32, units: f32) -> Shifted {
+    let moved = rest + units;
+    let whole = f32::round(moved);
+    let steps = i32::cast_from(whole);
+    let now = lo + u32::cast_from(steps);
+    let up = steps > 0i32 && now < lo;
+    let down = steps < 0i32 && now > lo;
+    Shifted { lo: now, rest: moved - whole, carry: select(up, 1i32, select(down, 0i32 - 1i32, 0i32)) }
+}
+
+/// What moving a particle ends with.
+#[derive(CubeType, Clone, Copy)]
+struct Landed {
+    x: Shifted,
+    y: Shifted,
+    z: Shifted,
+    /// Square of the displacement since the last rebuild \[m²\].
+    away: f32,
+}
+
+#[cube]
+fn displaced(worlds: &Array<u32>, c: u32, place: U4, rest: U4, lo_ref: U4, dx: V3) -> Landed {
+    let u = c + world::INVERSE;
+    let x = shifted(
+        place[0],
+        f32::reinterpret(rest[0]),
+        float_at(worlds, u) * dx.x + float_at(worlds, u + 1u32) * dx.y + float_at(worlds, u + 2u32) * dx.z,
+    );
+    let y = shifted(
+        place[1],
+        f32::reinterpret(rest[1]),
+        float_at(worlds, u + 3u32) * dx.x
+            + float_at(worlds, u + 4u32) * dx.y
+            + float_at(worlds, u + 5u32) * dx.z,
+    );
+    let z = shifted(
+        place[2],
+        f32::reinterpret(rest[2]),
+        float_at(worlds, u + 6u32) * dx.x
+            + float_at(worlds, u + 7u32) * dx.y
+            + float_at(worlds, u + 8u32) * dx.z,
+    );
+    let away = square(
+        worlds,
+        c,
+        i32::cast_from(x.lo - lo_ref[0]),
+        i32::cast_from(y.lo - lo_ref[1]),
+        i32::cast_from(z.lo - lo_ref[2]),
+    );
+    Landed { x, y, z, away }
+}
+
+/// Windows after crossing, wrapped on periodic axes.
+#[cube]
+fn crossed(worlds: &Array<u32>, c: u32, hi: u32, carry: i32, axis: u32) -> u32 {
+    let windows = i32::cast_from(worlds[(c + world::WINDOWS + axis) as usize]);
+    let periodic = worlds[(c + world::PERIODIC + axis) as usize] == 1u32;
+    let now = i32::cast_from(hi) + carry;
+    let above = select(now >= windows, now - windows, now);
+    let within = select(above < 0i32, above + windows, above);
+    u32::cast_from(select(periodic, within, now))
+}
+
+/// How many periods a crossing wrapped: 1 upwards, -1 downwards.
+#[cube]
+fn wraps(worlds: &Array<u32>, c: u32, hi: u32, carry: i32, axis: u32) -> f32 {
+    let windows = i32::cast_from(worlds[(c + world::WINDOWS + axis) as usize]);
+    let periodic = worlds[(c + world::PERIODIC + axis) as usize] == 1u32;
+    let now = i32::cast_from(hi) + carry;
+    let up = select(now >= windows, 1.0f32, 0.0f32);
+    let down = select(now < 0i32, 1.0f32, 0.0f32);
+    select(periodic, up - down, 0.0f32)
+}
+
+/// Windows and number of a particle that has landed in other windows.
+#[cube]
+fn landed(worlds: &Array<u32>, c: u32, home: U4, land: Landed) -> U4 {
+    quad(
+        crossed(worlds, c, home[0], land.x.carry, 0u32),
+        crossed(worlds, c, home[1], land.y.carry, 1u32),
+        crossed(worlds, c, home[2], land.z.carry, 2u32),
+        home[3],
+    )
+}
+
+/// What gravity's seams do on a particle of unit mass that has landed in other windows \[J/kg\].
+#[cube]
+fn seam_work(worlds: &Array<u32>, c: u32, home: U4, land: Landed) -> f32 {
+    let e = c + world::WRAP;
+    wraps(worlds, c, home[0], land.x.carry, 0u32) * float_at(worlds, e)
+        + wraps(worlds, c, home[1], land.y.carry, 1u32) * float_at(worlds, e + 1u32)
+        + wraps(worlds, c, home[2], land.z.carry, 2u32) * float_at(worlds, e + 2u32)
+}
+
+/// The sums of the contacts with other particles.
+#[cube]
+fn pairs_of(
+    i: u32,
+    n: u32,
+    from: u32,
+    half: u32,
+    c: u32,
+    dt: f32,
+    worlds: &Array<u32>,
+    pairs: &Array<F4>,
+    place: &Array<U4>,
+    vel: &Array<F4>,
+    spin: &Array<U4>,
+    nbr: &mut Array<u32>,
+    hist: &mut Array<F4>,
+    #[comptime] s: Signature,
+    #[comptime] purpose: Purpose,
+) -> Sums {
+    let me = (half + i) as usize;
+    let here = place[me];
+    let mine = vel[me];
+    let turn = spin[me];
+    let v_i = first3(mine);
+    let w_i = bits3(turn);
+    let r_i = f32::reinterpret(here[3]);
+    let range = float_at(worlds, c + world::RANGE);
+    let materials = worlds[(c + world::MATERIALS) as usize];
+    let table = worlds[(c + world::PAIRS) as usize];
+
+    let mut fx = 0.0f32;
+    let mut fy = 0.0f32;
+    let mut fz = 0.0f32;
+    let mut tx = 0.0f32;
+    let mut ty = 0.0f32;
+    let mut tz = 0.0f32;
+    let mut dx = 0.0f32;
+    let mut dy = 0.0f32;
+    let mut dz = 0.0f32;
+    let mut gx = 0.0f32;
+    let mut gy = 0.0f32;
+    let mut gz = 0.0f32;
+    let mut rx = 0.0f32;
+    let mut ry = 0.0f32;
+    let mut rz = 0.0f32;
+    let mut energy_normal = 0.0f32;
+    let mut energy_tangential = 0.0f32;
+    let mut energy_before = 0.0f32;
+    let mut friction_loss = 0.0f32;
+    let mut dash_power = 0.0f32;
+    let mut roll_power = 0.0f32;
+    let mut worst = 0.0f32;
+    let mut contacts = 0u32;
+
+    let mut k = 0u32;
+    while k < n {
+        // First which of up to 32 candidates are near, then those: fewer idle lanes.
+        let end = min(k + 32u32, n);
+        let mut near = 0u32;
+        for q in k..end {
+            let entry = nbr[(from + q * SLICE) as usize];
+            let j = entry & 0x3fff_ffffu32;
+            let there = place[(half + j) as usize];
+            let reach = (r_i + f32::reinterpret(there[3]) + range) * 1.000_001f32;
+            let d2 = square(
+                worlds,
+                c,
+                units(here, there, 0usize),
+                units(here, there, 1usize),
+                units(here, there, 2usize),
+            );
+            if d2 < reach * reach {
+                near |= 1u32 << (q - k);
+            } else {
+                if comptime!(purpose == Purpose::Step) {
+                    if (entry >> 30u32) & 1u32 == 1u32 {
+                        nbr[(from + q * SLICE) as usize] = entry & 0xbfff_ffffu32;
+                    }
+                }
+            }
+        }
+        while near != 0u32 {
+            let q = k + near.find_first_set() - 1u32;
+            near &= near - 1u32;
+            let at = from + q * SLICE;
+            let entry = nbr[at as usize];
+            let j = entry & 0x3fff_ffffu32;
+            let touched = (entry >> 30u32) & 1u32 == 1u32;
+            // Both particles evaluate the pair in the same order, that of their numbers, so that what they
+            // find is the same to the bit.
+            let second = (entry >> 31u32) == 1u32;
+            let other = (half + j) as usize;
+            let there = place[other];
+            let sign = select(second, 0i32 - 1i32, 1i32);
+            let r_j = f32::reinterpret(there[3]);
+            let apart = Two3 {
+                x: whole(sign * units(here, there, 0usize)),
+                y: whole(sign * units(here, there, 1usize)),
+                z: whole(sign * units(here, there, 2usize)),
+            };
+            let d = metres(worlds, c, apart, comptime!(s.fused), comptime!(s.orthogonal));
+            let g = gap(d, sum(r_i, r_j), comptime!(s.fused));
+            if g.delta > 0.0f32 - range {
+                let his = vel[other];
+                let his_turn = spin[other];
+                let v_j = first3(his);
+                let w_j = bits3(his_turn);
+                let mut stretch_x = 0.0f32;
+                let mut stretch_y = 0.0f32;
+                let mut stretch_z = 0.0f32;
+                let mut slip = 0.0f32;
+                if touched {
+                    let h = hist[at as usize];
+                    stretch_x = h[0];
+                    stretch_y = h[1];
+                    stretch_z = h[2];
+                    slip = h[3];
+                }
+                let r_eff = r_i * r_j / (r_i + r_j);
+                let arm_i = r_i - 0.5f32 * g.delta;
+                let arm_j = r_j - 0.5f32 * g.delta;
+                let pair = table + turn[3] * materials + his_turn[3];
+                let e = interact(
+                    Meeting {
+                        n: g.n,
+                        delta: g.delta,
+                        r_eff,
+                        diameter: 4.0f32 * r_eff,
+                        r_a: select(second, r_j, r_i),
+                        r_b: select(second, r_i, r_j),
+                        arm_a: select(second, arm_j, arm_i),
+                        arm_b: select(second, arm_i, arm_j),
+                        im_a: select(second, his[3], mine[3]),
+                        im_b: select(second, mine[3], his[3]),
+                        v_a: pick(second, v_j, v_i),
+                        v_b: pick(second, v_i, v_j),
+                        w_a: pick(second, w_j, w_i),
+                        w_b: pick(second, w_i, w_j),
+                        stretch: V3 { x: stretch_x, y: stretch_y, z: stretch_z },
+                        slip,
+                    },
+                    pairs,
+                    pair,
+                    dt,
+                    comptime!(s.laws),
+                );
+                let mine_sign = select(second, 0.0f32 - 1.0f32, 1.0f32);
+                let f = scaled(e.force, mine_sign);
+                let t = pick(second, e.torque_b, e.torque_a);
+                fx += f.x;
+                fy += f.y;
+                fz += f.z;
+                tx += t.x;
+                ty += t.y;
+                tz += t.z;
+                worst = f32::max(worst, g.delta / f32::min(r_i, r_j));
+                contacts += 1u32;
+                if comptime!(s.ledger || purpose == Purpose::Observe) {
+                    let d = scaled(e.dash, mine_sign);
+                    let roll = pick(second, e.roll_b, e.roll_a);
+                    let around = scaled(cross(g.n, e.dash), arm_i);
+                    dx += d.x;
+                    dy += d.y;
+                    dz += d.z;
+                    gx += around.x;
+                    gy += around.y;
+                    gz += around.z;
+                    rx += roll.x;
+                    ry += roll.y;
+                    rz += roll.z;
+                    energy_normal += 0.5f32 * e.energy_normal;
+                    energy_tangential += 0.5f32 * e.energy_tangential;
+                    energy_before += 0.5f32 * e.energy_before;
+                    friction_loss += 0.5f32 * e.friction_loss;
+                    dash_power += 0.5f32 * e.dash_power;
+                    roll_power += 0.5f32 * e.roll_power;
+                }
+                if comptime!(purpose == Purpose::Step) {
+                    hist[at as usize] = four(e.stretch.x, e.stretch.y, e.stretch.z, e.slip);
+                    if !touched {
+                        nbr[at as usize] = entry | 0x4000_0000u32;
+                    }
+                }
+            } else {
+                if comptime!(purpose == Purpose::Step) {
+                    if touched {
+                        nbr[at as usize] = entry & 0xbfff_ffffu32;
+                    }
+                }
+            }
+        }
+        k = end;
+    }
+    Sums {
+        force: V3 { x: fx, y: fy, z: fz },
+        torque: V3 { x: tx, y: ty, z: tz },
+        dash: V3 { x: dx, y: dy, z: dz },
+        drag: V3 { x: gx, y: gy, z: gz },
+        roll: V3 { x: rx, y: ry, z: rz },
+        energy_normal,
+        energy_tangential,
+        energy_before,
+        friction_loss,
+        dash_power,
+        roll_power,
+        work: 0.0f32,
+        worst,
+        contacts,
+    }
+}
+
+/// An acceleration with local damping.
+#[cube]
+fn damped(v: V3, a: V3, d: f32, dt: f32) -> V3 {
+    V3 {
+        x: locally_damped(v.x, a.x, d, dt),
+        y: locally_damped(v.y, a.y, d, dt),
+        z: locally_damped(v.z, a.z, d, dt),
+    }
+}
+
+/// A particle's place along gravity, from the domain's origin \[m²/s²\].
+#[cube]
+fn height(worlds: &Array<u32>, c: u32, place: U4, home: U4, rest: U4) -> f32 {
+    let u = c + world::UNIT;
+    let x = far(home[0], place[0], rest[0]);
+    let y = far(home[1], place[1], rest[1]);
+    let z = far(home[2], place[2], rest[2]);
+    let a = float_at(worlds, u) * x + float_at(worlds, u + 1u32) * y + float_at(worlds, u + 2u32) * z;
+    let b = float_at(worlds, u + 3u32) * x + float_at(worlds, u + 4u32) * y + float_at(worlds, u + 5u32) * z;
+    let d = float_at(worlds, u + 6u32) * x + float_at(worlds, u + 7u32) * y + float_at(worlds, u + 8u32) * z;
+    let g = c + world::GRAVITY;
+    float_at(worlds, g) * a + float_at(worlds, g + 1u32) * b + float_at(worlds, g + 2u32) * d
+}
+
+/// Units from the origin along an axis.
+#[cube]
+fn far(hi: u32, lo: u32, rest: u32) -> f32 {
+    f32::cast_from(i32::cast_from(hi)) * 4_294_967_296.0f32 + f32::cast_from(lo) + f32::reinterpret(rest)
+}
+
+/// F4 that the sums of a row take.
+pub const ROW_QUADS: u32 = 6;
+
+/// The sums that [`surfaces`] left for a row; nothing for `NONE`.
+#[cube]
+fn on_surfaces(row_sums: &Array<F4>, row: u32) -> Sums {
+    // Row 0 holds zeros: particles without a row read them.
+    let at = select(row == NONE, 0u32, row + 1u32) * ROW_QUADS;
+    let a = row_sums[at as usize];
+    let b = row_sums[(at + 1u32) as usize];
+    let c = row_sums[(at + 2u32) as usize];
+    let d = row_sums[(at + 3u32) as usize];
+    let e = row_sums[(at + 4u32) as usize];
+    let f = row_sums[(at + 5u32) as usize];
+    Sums {
+        force: first3(a),
+        torque: first3(b),
+        dash: first3(c),
+        drag: first3(d),
+        roll: first3(e),
+        energy_normal: a[3],
+        energy_tangential: b[3],
+        energy_before: c[3],
+        friction_loss: d[3],
+        dash_power: e[3],
+        roll_power: f[0],
+        work: f[1],
+        worst: f[2],
+        contacts: u32::cast_from(f[3]),
+    }
+}
+
+/// Contacts of the particles that are near surfaces, where they do not ride along with [`step`]. One unit per
+/// row.
+#[cube(launch_unchecked)]
+pub fn surfaces(
+    k: u32,
+    padded: u32,
+    row_room: u32,
+    facet_room: u32,
+    world_of: &Array<u32>,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    flags: &mut Array<Atomic<u32>>,
+    pairs: &Array<F4>,
+    place: &Array<U4>,
+    vel: &Array<F4>,
+    spin: &Array<U4>,
+    own: &Array<U4>,
+    refs: &Array<U4>,
+    bounds: &Array<u32>,
+    poses: &Array<u32>,
+    tris: &Array<U4>,
+    verts: &Array<F4>,
+    rows: &Array<u32>,
+    facets: &Array<u32>,
+    row_count: &mut Array<u32>,
+    row_mem: &mut Array<F4>,
+    push: &mut Array<F4>,
+    row_sums: &mut Array<F4>,
+    #[comptime] s: Signature,
+    #[comptime] purpose: Purpose,
+) {
+    let w = world_of[CUBE_POS + (padded / BLOCK) as usize];
+    let c = w * world::WORDS;
+    let st = w * status::WORDS;
+    let row = u32::cast_from(ABSOLUTE_POS);
+    let in_use = row - worlds[(c + world::ROWS) as usize] < states[(st + status::ROWS) as usize];
+    if runs(states, flags, w, k, purpose) && in_use {
+        let which = states[(st + status::LISTED) as usize];
+        let parity = (states[(st + status::PARITY) as usize] + k) & 1u32;
+        let t = states[(st + status::BASE) as usize] + k;
+        // A force that is taken after the motion meets surfaces where they are then.
+        let split = comptime!(s.integrator == IntegratorKind::VelocityVerlet && purpose == Purpose::Step);
+        let now = if comptime!(split) { t + 1u32 } else { t };
+        let full = float_at(worlds, c + world::DT);
+        let dt = if comptime!(purpose == Purpose::Step) { full } else { 0.0f32 * full };
+        let table = 2u32 * padded + 3u32 * (which * row_room + row);
+        let begins = which * facet_room + rows[table as usize];
+        let entries = rows[(table + 1u32) as usize];
+        let i = rows[(table + 2u32) as usize];
+        let mine = which * padded + i;
+        let me = (parity * padded + i) as usize;
+        let here = place[me];
+        let v4 = vel[me];
+        let turn = spin[me];
+        let lo_ref = refs[(2u32 * mine) as usize];
+        let hi_ref = refs[(2u32 * mine + 1u32) as usize];
+        let spot = Spot {
+            hi: quad(
+                unwrapped(hi_ref[0], lo_ref[0], here[0]),
+                unwrapped(hi_ref[1], lo_ref[1], here[1]),
+                unwrapped(hi_ref[2], lo_ref[2], here[2]),
+                0u32,
+            ),
+            lo: here,
+            rest: own[(2u32 * mine + 1u32) as usize],
+        };
+        let q = surfaces_of(
+            row,
+            parity,
+            1u32 - parity,
+            row_room,
+            entries,
+            spot,
+            now,
+            c,
+            dt,
+            f32::reinterpret(here[3]),
+            v4[3],
+            first3(v4),
+            bits3(turn),
+            turn[3],
+            flags,
+            w * flag::WORDS + flag::HALT,
+            worlds,
+            pairs,
+            bounds,
+            poses,
+            tris,
+            verts,
+            facets,
+            row_count,
+            row_mem,
+            push,
+            begins,
+            s,
+            purpose,
+        );
+        let at = (row + 1u32) * ROW_QUADS;
+        row_sums[at as usize] = four(q.force.x, q.force.y, q.force.z, q.energy_normal);
+        row_sums[(at + 1u32) as usize] = four(q.torque.x, q.torque.y, q.torque.z, q.energy_tangential);
+        row_sums[(at + 2u32) as usize] = four(q.dash.x, q.dash.y, q.dash.z, q.energy_before);
+        row_sums[(at + 3u32) as usize] = four(q.drag.x, q.drag.y, q.drag.z, q.friction_loss);
+        row_sums[(at + 4u32) as usize] = four(q.roll.x, q.roll.y, q.roll.z, q.dash_power);
+        row_sums[(at + 5u32) as usize] = four(q.roll_power, q.work, q.worst, f32::cast_from(q.contacts));
+    }
+}
+
+/// Whether a launch does anything in a world.
+#[cube]
+fn runs(
+    states: &Array<u32>,
+    flags: &Array<Atomic<u32>>,
+    w: u32,
+    k: u32,
+    #[comptime] purpose: Purpose,
+) -> bool {
+    let unprimed = states[(w * status::WORDS + status::PRIMED) as usize] == 0u32;
+    let asked = states[(w * status::WORDS + status::ASKED) as usize] == LOOK;
+    match purpose {
+        Purpose::Step => active(states, flags, w, k),
+        Purpose::Prime => active(states, flags, w, k) && unprimed,
+        Purpose::Observe => asked,
+    }
+}
+
+/// No contacts.
+#[cube]
+fn nothing() -> Sums {
+    Sums {
+        force: zero(),
+        torque: zero(),
+        dash: zero(),
+        drag: zero(),
+        roll: zero(),
+        energy_normal: 0.0f32,
+        energy_tangential: 0.0f32,
+        energy_before: 0.0f32,
+        friction_loss: 0.0f32,
+        dash_power: 0.0f32,
+        roll_power: 0.0f32,
+        work: 0.0f32,
+        worst: 0.0f32,
+        contacts: 0u32,
+    }
+}
+
+/// The sums of columns of `shared` (`columns` of one value per unit) left in the first entry of each.
+#[cube]
+fn fold(shared: &mut SharedMemory<f32>, #[comptime] columns: u32) {
+    let mut width = comptime!(BLOCK / 2).runtime();
+    sync_cube();
+    while width > 0u32 {
+        if UNIT_POS < width {
+            #[unroll]
+            for q in 0..columns {
+                let at = q * BLOCK + UNIT_POS;
+                let other = shared[(at + width) as usize];
+                shared[at as usize] += other;
+            }
+        }
+        sync_cube();
+        width /= 2u32;
+    }
+}
+
+/// Adds `x` to the pair of f32 at `at`.
+#[cube]
+fn accumulate(sums: &mut Array<f32>, at: u32, x: f32) {
+    let s = sum(sums[at as usize], x);
+    let total = tidy(s.h, sums[(at + 1u32) as usize] + s.l);
+    sums[at as usize] = total.h;
+    sums[(at + 1u32) as usize] = total.l;
+}
+
+/// Moves particles ahead of the force, for schemes that do.
+#[cube(launch_unchecked)]
+pub fn drift(
+    k: u32,
+    padded: u32,
+    world_of: &Array<u32>,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    flags: &mut Array<Atomic<u32>>,
+    place: &mut Array<U4>,
+    vel: &mut Array<F4>,
+    spin: &mut Array<U4>,
+    own: &mut Array<U4>,
+    refs: &Array<U4>,
+    slow: &Array<F4>,
+    #[comptime] s: Signature,
+) {
+    let w = world_of[CUBE_POS];
+    if active(states, flags, w, k) {
+        let c = w * world::WORDS;
+        let st = w * status::WORDS;
+        let first = worlds[(c + world::FIRST) as usize];
+        let i = u32::cast_from(ABSOLUTE_POS);
+        if i - first < states[(st + status::COUNT) as usize] {
+            let dt = float_at(worlds, c + world::DT);
+            let half = ((states[(st + status::PARITY) as usize] + k) & 1u32) * padded;
+            let listed = states[(st + status::LISTED) as usize] * padded;
+            let me = (half + i) as usize;
+            let v = vel[me];
+            let turn = spin[me];
+            let w3 = bits3(turn);
+            let mine = listed + i;
+            let a = slow[(3u32 * mine) as usize];
+            let b = slow[(3u32 * mine + 1u32) as usize];
+            let x = ahead(v[0], a[0], dt, comptime!(s.integrator));
+            let y = ahead(v[1], a[1], dt, comptime!(s.integrator));
+            let z = ahead(v[2], a[2], dt, comptime!(s.integrator));
+            let wx = ahead(w3.x, b[0], dt, comptime!(s.integrator));
+            let wy = ahead(w3.y, b[1], dt, comptime!(s.integrator));
+            let wz = ahead(w3.z, b[2], dt, comptime!(s.integrator));
+            vel[me] = four(x.v, y.v, z.v, v[3]);
+            spin[me] = quad(u32::reinterpret(wx.v), u32::reinterpret(wy.v), u32::reinterpret(wz.v), turn[3]);
+            let here = place[me];
+            let home = own[(2u32 * mine) as usize];
+            let rest = own[(2u32 * mine + 1u32) as usize];
+            let land = displaced(
+                worlds,
+                c,
+                here,
+                rest,
+                refs[(2u32 * mine) as usize],
+                V3 { x: x.dx, y: y.dx, z: z.dx },
+            );
+            place[me] = quad(land.x.lo, land.y.lo, land.z.lo, here[3]);
+            let mut wrapped = 0.0f32;
+            if land.x.carry != 0i32 || land.y.carry != 0i32 || land.z.carry != 0i32 {
+                own[(2u32 * mine) as usize] = landed(worlds, c, home, land);
+                wrapped += seam_work(worlds, c, home, land) / v[3];
+            }
+            own[(2u32 * mine + 1u32) as usize] = quad(
+                u32::reinterpret(land.x.rest),
+                u32::reinterpret(land.y.rest),
+                u32::reinterpret(land.z.rest),
+                u32::reinterpret(wrapped),
+            );
+        }
+    }
+}
+
+/// One step, or a look at the present configuration.
+#[cube(launch_unchecked)]
+pub fn step(
+    k: u32,
+    padded: u32,
+    list_room: u32,
+    row_room: u32,
+    facet_room: u32,
+    world_of: &Array<u32>,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    flags: &mut Array<Atomic<u32>>,
+    pairs: &Array<F4>,
+    place: &mut Array<U4>,
+    vel: &mut Array<F4>,
+    spin: &mut Array<U4>,
+    own: &mut Array<U4>,
+    refs: &Array<U4>,
+    slow: &mut Array<F4>,
+    lists: &Array<u32>,
+    nbr: &mut Array<u32>,
+    hist: &mut Array<F4>,
+    bounds: &Array<u32>,
+    poses: &Array<u32>,
+    tris: &Array<U4>,
+    verts: &Array<F4>,
+    rows: &Array<u32>,
+    facets: &Array<u32>,
+    row_count: &mut Array<u32>,
+    row_mem: &mut Array<F4>,
+    push: &mut Array<F4>,
+    row_sums: &Array<F4>,
+    sums: &mut Array<f32>,
+    #[comptime] s: Signature,
+    #[comptime] purpose: Purpose,
+) {
+    let w = world_of[CUBE_POS];
+    if runs(states, flags, w, k, purpose) {
+        let c = w * world::WORDS;
+        let st = w * status::WORDS;
+        let f = w * flag::WORDS;
+        let first = worlds[(c + world::FIRST) as usize];
+        let count = states[(st + status::COUNT) as usize];
+        let base = states[(st + status::BASE) as usize];
+        let parity = (states[(st + status::PARITY) as usize] + k) & 1u32;
+        let which = states[(st + status::LISTED) as usize];
+        let half = parity * padded;
+        let ahead_half = (1u32 - parity) * padded;
+        let listed = which * padded;
+        let unit = u32::cast_from(ABSOLUTE_POS);
+        let mut i = unit;
+        let mut row = NONE.runtime();
+        let mut alive = i - first < count;
+        if comptime!(s.surfaces && s.merged) {
+            // Particles near surfaces have blocks of their own behind the others, so that no unit waits for one
+            // that looks at triangles.
+            if unit < padded {
+                if alive {
+                    alive = rows[(listed + i) as usize] == NONE;
+                }
+            } else {
+                let slot = unit - padded;
+                let mine = slot - worlds[(c + world::ROWS) as usize];
+                alive = mine < states[(st + status::ROWS) as usize];
+                if alive {
+                    row = slot;
+                    i = rows[(2u32 * padded + 3u32 * (which * row_room + slot) + 2u32) as usize];
+                }
+            }
+        }
+        let full = float_at(worlds, c + world::DT);
+        let moves = comptime!(purpose == Purpose::Step);
+        let dt = select(moves, full, 0.0f32);
+        let t = base + k;
+        let mut out = Array::<f32>::new(comptime!(SIGHTS as usize));
+        #[unroll]
+        for q in 0..SIGHTS {
+            out[q as usize] = 0.0f32;
+        }
+        if alive {
+            let me = (half + i) as usize;
+            let mine = listed + i;
+            let here = place[me];
+            let v4 = vel[me];
+            let turn = spin[me];
+            let v = first3(v4);
+            let w3 = bits3(turn);
+            let im = v4[3];
+            let r = f32::reinterpret(here[3]);
+            let home = own[(2u32 * mine) as usize];
+            let rest = own[(2u32 * mine + 1u32) as usize];
+            let lo_ref = refs[(2u32 * mine) as usize];
+            let n = lists[mine as usize];
+            let from = which * list_room
+                + lists[(2u32 * padded + which * (padded / SLICE) + i / SLICE) as usize]
+                + i % SLICE;
+            let p = pairs_of(i, n, from, half, c, dt, worlds, pairs, place, vel, spin, nbr, hist, s, purpose);
+            let q = if comptime!(s.surfaces && s.merged) {
+                let mut entries = 0u32;
+                let mut begins = 0u32;
+                if row != NONE {
+                    let table = 2u32 * padded + 3u32 * (which * row_room + row);
+                    begins = which * facet_room + rows[table as usize];
+                    entries = rows[(table + 1u32) as usize];
+                }
+                // A force that is taken after the motion meets surfaces where they are then.
+                let split =
+                    comptime!(s.integrator == IntegratorKind::VelocityVerlet && purpose == Purpose::Step);
+                let now = if comptime!(split) { t + 1u32 } else { t };
+                let hi_ref = refs[(2u32 * mine + 1u32) as usize];
+                let spot = Spot {
+                    hi: quad(
+                        unwrapped(hi_ref[0], lo_ref[0], here[0]),
+                        unwrapped(hi_ref[1], lo_ref[1], here[1]),
+                        unwrapped(hi_ref[2], lo_ref[2], here[2]),
+                        0u32,
+                    ),
+                    lo: here,
+                    rest,
+                };
+                surfaces_of(
+                    row,
+                    parity,
+                    1u32 - parity,
+                    row_room,
+                    entries,
+                    spot,
+                    now,
+                    c,
+                    dt,
+                    r,
+                    im,
+                    v,
+                    w3,
+                    turn[3],
+                    flags,
+                    f + flag::HALT,
+                    worlds,
+                    pairs,
+                    bounds,
+                    poses,
+                    tris,
+                    verts,
+                    facets,
+                    row_count,
+                    row_mem,
+                    push,
+                    begins,
+                    s,
+                    purpose,
+                )
+            } else if comptime!(s.surfaces) {
+                on_surfaces(row_sums, rows[mine as usize])
+            } else {
+                nothing()
+            };
+            let force = plus(p.force, q.force);
+            let torque = plus(p.torque, q.torque);
+            let inv_inertia = inverse_inertia(im, r);
+            let g = c + world::GRAVITY;
+            let free = V3 {
+                x: force.x * im + float_at(worlds, g),
+                y: force.y * im + float_at(worlds, g + 1u32),
+                z: force.z * im + float_at(worlds, g + 2u32),
+            };
+            let turning = scaled(torque, inv_inertia);
+            let worst = f32::max(p.worst, q.worst);
+            if comptime!(purpose == Purpose::Observe) {
+                out[0] = 0.5f32 * dot(v, v) / im;
+                out[1] = 0.2f32 * r * r * dot(w3, w3) / im;
+                out[2] = 0.0f32 - height(worlds, c, here, home, rest) / im;
+                out[3] = p.energy_normal + q.energy_normal;
+                out[4] = p.energy_before + q.energy_before;
+                out[5] = f32::cast_from(p.contacts);
+                out[6] = f32::cast_from(q.contacts);
+                out[7] = worst;
+                out[8] = dot(v, v);
+            } else if comptime!(purpose == Purpose::Prime) {
+                slow[(3u32 * mine) as usize] = four(free.x, free.y, free.z, 0.0f32);
+                slow[(3u32 * mine + 1u32) as usize] = four(turning.x, turning.y, turning.z, 0.0f32);
+            } else {
+                let d = float_at(worlds, c + world::DAMPING);
+                let a = if comptime!(s.damping) { damped(v, free, d, dt) } else { free };
+                let b = if comptime!(s.damping) { damped(w3, turning, d, dt) } else { turning };
+                let known = states[(st + status::PRIMED) as usize] == 1u32 || t > 0u32;
+                let old_a = if comptime!(s.integrator == IntegratorKind::Adams) {
+                    pick(known, first3(slow[(3u32 * mine) as usize]), a)
+                } else {
+                    a
+                };
+                let old_b = if comptime!(s.integrator == IntegratorKind::Adams) {
+                    pick(known, first3(slow[(3u32 * mine + 1u32) as usize]), b)
+                } else {
+                    b
+                };
+                let x = advanced(v.x, a.x, old_a.x, dt, comptime!(s.integrator));
+                let y = advanced(v.y, a.y, old_a.y, dt, comptime!(s.integrator));
+                let z = advanced(v.z, a.z, old_a.z, dt, comptime!(s.integrator));
+                let wx = advanced(w3.x, b.x, old_b.x, dt, comptime!(s.integrator));
+                let wy = advanced(w3.y, b.y, old_b.y, dt, comptime!(s.integrator));
+                let wz = advanced(w3.z, b.z, old_b.z, dt, comptime!(s.integrator));
+                let dx = V3 { x: x.dx, y: y.dx, z: z.dx };
+                let d2 = dot(dx, dx);
+                let fine = d2 <= float_at(worlds, c + world::RUNAWAY);
+                let held = pick(fine, dx, zero());
+                let land = displaced(worlds, c, here, rest, lo_ref, held);
+                let next = (ahead_half + i) as usize;
+                place[next] = quad(land.x.lo, land.y.lo, land.z.lo, here[3]);
+                vel[next] = four(x.v, y.v, z.v, im);
+                spin[next] =
+                    quad(u32::reinterpret(wx.v), u32::reinterpret(wy.v), u32::reinterpret(wz.v), turn[3]);
+                own[(2u32 * mine + 1u32) as usize] = quad(
+                    u32::reinterpret(land.x.rest),
+                    u32::reinterpret(land.y.rest),
+                    u32::reinterpret(land.z.rest),
+                    0u32,
+                );
+                // What the particle did ahead of the force was left beside its rest.
+                let mut wrapped = f32::reinterpret(rest[3]);
+                if land.x.carry != 0i32 || land.y.carry != 0i32 || land.z.carry != 0i32 {
+                    own[(2u32 * mine) as usize] = landed(worlds, c, home, land);
+                    wrapped += seam_work(worlds, c, home, land) / im;
+                }
+                // Accelerations are remembered by schemes that need them, and at the end of a job.
+                let keeps =
+                    comptime!(matches!(s.integrator, IntegratorKind::Adams | IntegratorKind::VelocityVerlet));
+                let last = t + 1u32 == states[(st + status::TARGET) as usize];
+                if keeps || last {
+                    slow[(3u32 * mine) as usize] = four(a.x, a.y, a.z, 0.0f32);
+                    slow[(3u32 * mine + 1u32) as usize] = four(b.x, b.y, b.z, 0.0f32);
+                    slow[(3u32 * mine + 2u32) as usize] = four(force.x, force.y, force.z, 0.0f32);
+                }
+                // Lists serve until a particle has moved half the skin; schemes that move before the force
+                // will do so with the velocity that they have now.
+                let skin = float_at(states, st + status::SKIN);
+                let mut away = land.away;
+                if comptime!(s.integrator == IntegratorKind::VelocityVerlet) {
+                    let ax = ahead(x.v, a.x, dt, comptime!(s.integrator));
+                    let ay = ahead(y.v, a.y, dt, comptime!(s.integrator));
+                    let az = ahead(z.v, a.z, dt, comptime!(s.integrator));
+                    let next_dx = V3 { x: ax.dx, y: ay.dx, z: az.dx };
+                    let reach = f32::sqrt(land.away) + f32::sqrt(dot(next_dx, next_dx));
+                    away = reach * reach;
+                }
+                if away > 0.25f32 * skin * skin {
+                    flags[(f + flag::STALE) as usize].fetch_min(k);
+                }
+                if !fine {
+                    flags[(f + flag::HALT) as usize].fetch_max(halt::RUNAWAY);
+                    flags[(f + flag::WHO) as usize].fetch_min(home[3]);
+                    flags[(f + flag::STALE) as usize].fetch_min(k);
+                }
+                if u32::reinterpret(worst) > flags[(f + flag::WORST) as usize].load() {
+                    flags[(f + flag::WORST) as usize].fetch_max(u32::reinterpret(worst));
+                }
+                if worst > float_at(worlds, c + world::OVERLAP) {
+                    flags[(f + flag::HALT) as usize].fetch_max(halt::OVERLAP);
+                    flags[(f + flag::WHO) as usize].fetch_min(home[3]);
+                    flags[(f + flag::STALE) as usize].fetch_min(k);
+                }
+                if comptime!(s.ledger) {
+                    // Dissipating forces act over the step with the mean of old and new velocity; in a split
+                    // step the new one is already in the middle.
+                    let share = comptime!(if s.integrator == IntegratorKind::VelocityVerlet {
+                        1.0f32
+                    } else {
+                        0.5f32
+                    });
+                    let dv = V3 { x: x.v - v.x, y: y.v - v.y, z: z.v - v.z };
+                    let dw = V3 { x: wx.v - w3.x, y: wy.v - w3.y, z: wz.v - w3.z };
+                    let dash = plus(p.dash, q.dash);
+                    let drag = plus(p.drag, q.drag);
+                    let roll = plus(p.roll, q.roll);
+                    out[0] = p.friction_loss + q.friction_loss;
+                    out[1] =
+                        0.0f32 - dt * (p.dash_power + q.dash_power + share * (dot(dash, dv) + dot(drag, dw)));
+                    out[2] = 0.0f32 - dt * (p.roll_power + q.roll_power + share * dot(roll, dw));
+                    if comptime!(s.damping) {
+                        let lost = V3 { x: free.x - a.x, y: free.y - a.y, z: free.z - a.z };
+                        let spun = V3 { x: turning.x - b.x, y: turning.y - b.y, z: turning.z - b.z };
+                        let mid =
+                            V3 { x: 0.5f32 * (v.x + x.v), y: 0.5f32 * (v.y + y.v), z: 0.5f32 * (v.z + z.v) };
+                        let mid_w = V3 {
+                            x: 0.5f32 * (w3.x + wx.v),
+                            y: 0.5f32 * (w3.y + wy.v),
+                            z: 0.5f32 * (w3.z + wz.v),
+                        };
+                        out[3] = dt * (dot(lost, mid) / im + dot(spun, mid_w) / inv_inertia);
+                    }
+                    out[4] = dt * q.work + wrapped;
+                    out[5] = p.energy_before + q.energy_before;
+                    out[6] = p.energy_tangential + q.energy_tangential;
+                }
+            }
+        }
+        if comptime!(purpose == Purpose::Observe) {
+            let mut shared = SharedMemory::<f32>::new(comptime!((SIGHTS * BLOCK) as usize));
+            #[unroll]
+            for q in 0..SIGHTS {
+                shared[(q * BLOCK + UNIT_POS) as usize] = out[q as usize];
+            }
+            sync_cube();
+            if UNIT_POS == 0u32 {
+                let mut worst = 0.0f32;
+                let mut speed = 0.0f32;
+                for q in 0..BLOCK {
+                    worst = f32::max(worst, shared[(7u32 * BLOCK + q) as usize]);
+                    speed = f32::max(speed, shared[(8u32 * BLOCK + q) as usize]);
+                }
+                sums[(u32::cast_from(CUBE_POS) * SIGHTS + 7u32) as usize] = worst;
+                sums[(u32::cast_from(CUBE_POS) * SIGHTS + 8u32) as usize] = speed;
+            }
+            fold(&mut shared, 7u32);
+            if UNIT_POS < 7u32 {
+                sums[(u32::cast_from(CUBE_POS) * SIGHTS + UNIT_POS) as usize] =
+                    shared[(UNIT_POS * BLOCK) as usize];
+            }
+        }
+        if comptime!(purpose == Purpose::Step) {
+            if unit == first {
+                flags[(f + flag::BEATS) as usize].fetch_add(1u32);
+            }
+        }
+        if comptime!(s.ledger && purpose == Purpose::Step) {
+            let mut shared = SharedMemory::<f32>::new(comptime!((SUMS * BLOCK) as usize));
+            #[unroll]
+            for q in 0..SUMS {
+                shared[(q * BLOCK + UNIT_POS) as usize] = out[q as usize];
+            }
+            fold(&mut shared, SUMS);
+            if UNIT_POS < 7u32 {
+                let at = (u32::cast_from(CUBE_POS) * SUMS + UNIT_POS) * 2u32;
+                accumulate(sums, at, shared[(UNIT_POS * BLOCK) as usize]);
+            }
+            if UNIT_POS == 7u32 {
+                // Tangential springs at the end of the step, not summed over steps.
+                let at = (u32::cast_from(CUBE_POS) * SUMS + 7u32) * 2u32;
+                sums[at as usize] = shared[(6u32 * BLOCK) as usize];
+            }
+        }
+    }
+}
+
+/// Sums the forces on surfaces of the step just launched, in a fixed order, and finds surfaces that have
+/// moved out of reach of the lists. One block per world.
+#[cube(launch_unchecked)]
+pub fn collect(
+    k: u32,
+    row_room: u32,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    flags: &mut Array<Atomic<u32>>,
+    bounds: &Array<u32>,
+    poses: &Array<u32>,
+    row_count: &Array<u32>,
+    push: &Array<F4>,
+    series: &mut Array<f32>,
+) {
+    let w = u32::cast_from(CUBE_POS);
+    if active(states, flags, w, k) {
+        let c = w * world::WORDS;
+        let st = w * status::WORDS;
+        let surfaces = worlds[(c + world::SURFACES) as usize];
+        let rows = states[(st + status::ROWS) as usize];
+        let first = worlds[(c + world::ROWS) as usize];
+        let t = states[(st + status::BASE) as usize] + k;
+        let written = 1u32 - ((states[(st + status::PARITY) as usize] + k) & 1u32);
+        let mut shared = SharedMemory::<f32>::new(comptime!((12 * BLOCK) as usize));
+        for s in 0..surfaces {
+            let mut total = Array::<f32>::new(12usize);
+            #[unroll]
+            for q in 0..12u32 {
+                total[q as usize] = 0.0f32;
+            }
+            let mut row = UNIT_POS;
+            while row < rows {
+                let n = row_count[(written * row_room + first + row) as usize];
+                for slot in 0..n {
+                    let at = ((first + row) * SLOTS + slot) * 2u32;
+                    let f = push[at as usize];
+                    if u32::cast_from(f[3]) == s + 1u32 {
+                        let m = push[(at + 1u32) as usize];
+                        #[unroll]
+                        for q in 0..3u32 {
+                            let a = sum(total[(2u32 * q) as usize], f[q as usize]);
+                            total[(2u32 * q) as usize] = a.h;
+                            total[(2u32 * q + 1u32) as usize] += a.l;
+                            let b = sum(total[(6u32 + 2u32 * q) as usize], m[q as usize]);
+                            total[(6u32 + 2u32 * q) as usize] = b.h;
+                            total[(6u32 + 2u32 * q + 1u32) as usize] += b.l;
+                        }
+                    }
+                }
+                row += BLOCK;
+            }
+            #[unroll]
+            for q in 0..12u32 {
+                shared[(q * BLOCK + UNIT_POS) as usize] = total[q as usize];
+            }
+            sync_cube();
+            let mut width = comptime!(BLOCK / 2).runtime();
+            while width > 0u32 {
+                if UNIT_POS < width {
+                    #[unroll]
+                    for q in 0..6u32 {
+                        let at = 2u32 * q * BLOCK + UNIT_POS;
+                        let a = sum(shared[at as usize], shared[(at + width) as usize]);
+                        let l = shared[(at + BLOCK) as usize] + shared[(at + BLOCK + width) as usize] + a.l;
+                        shared[at as usize] = a.h;
+                        shared[(at + BLOCK) as usize] = l;
+                    }
+                }
+                sync_cube();
+                width /= 2u32;
+            }
+            if UNIT_POS < 12u32 {
+                let at = worlds[(c + world::SERIES) as usize] + (t * surfaces + s) * 12u32 + UNIT_POS;
+                series[at as usize] = shared[(UNIT_POS * BLOCK) as usize];
+            }
+            sync_cube();
+        }
+        if UNIT_POS == 0u32 {
+            let bound0 = worlds[(c + world::BOUNDARIES) as usize];
+            let skin = float_at(states, st + status::SKIN);
+            let rebuilt = states[(st + status::REBUILT) as usize];
+            for b in 0..worlds[(c + world::BOUNDARY_COUNT) as usize] {
+                let bt = (bound0 + b) * boundary::WORDS;
+                let stride = bounds[(bt + boundary::STRIDE) as usize];
+                let at = bounds[(bt + boundary::POSE) as usize] + pose::PATH;
+                // Without a rebuild in this job paths count from the last one before it.
+                let known = rebuilt != NONE;
+                let since =
+                    select(known, float_at(poses, at + select(known, rebuilt, 0u32) * stride), 0.0f32);
+                let moved = float_at(poses, at + (t + 1u32) * stride) - since;
+                if moved > 0.5f32 * skin {
+                    flags[(w * flag::WORDS + flag::STALE) as usize].fetch_min(k);
+                }
+            }
+        }
+    }
+}

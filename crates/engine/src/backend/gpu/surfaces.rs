@@ -1,0 +1,549 @@
+//! Contacts of a particle with planes and meshes.
+//!
+//! Everything is taken in the mesh's own frame, to which the particle is carried in pairs of f32, so that
+//! meshes of any size cost nothing to move and large triangles cost no digits.
+
+use cubecl::prelude::*;
+use glebe_physics::kernel::triangle::closest_to_origin;
+use glebe_physics::kernel::vector::{V3, cross, dot, length, minus, plus, scaled};
+
+use super::compensated::{Gap, Two, Two3, along2, dot2, gap, minus2, minus23, plus2, rounded, sum, times2};
+use super::layout::{
+    F4, FACET_WORDS, IMAGE_BITS, IMAGE_ZERO, NONE, SLOTS, Signature, TOUCHED, U4, boundary, float_at, halt,
+    pose, world,
+};
+use super::pair::{Meeting, interact};
+use super::step::{Purpose, Sums, four};
+
+/// Metres per unit: entry `k` of the matrix by rows, of the world whose table begins at `c`.
+#[cube]
+pub fn unit_of(worlds: &Array<u32>, c: u32, k: u32) -> Two {
+    Two { h: float_at(worlds, c + world::UNIT + k), l: float_at(worlds, c + world::UNIT + 9u32 + k) }
+}
+
+/// Metres of a difference in units, in the world whose table begins at `c`.
+#[cube]
+pub fn metres(
+    worlds: &Array<u32>,
+    c: u32,
+    d: Two3,
+    #[comptime] fused: bool,
+    #[comptime] orthogonal: bool,
+) -> Two3 {
+    if comptime!(orthogonal) {
+        Two3 {
+            x: times2(d.x, unit_of(worlds, c, 0u32), fused),
+            y: times2(d.y, unit_of(worlds, c, 4u32), fused),
+            z: times2(d.z, unit_of(worlds, c, 8u32), fused),
+        }
+    } else {
+        Two3 {
+            x: row_of(worlds, c, d, 0u32, fused),
+            y: row_of(worlds, c, d, 3u32, fused),
+            z: row_of(worlds, c, d, 6u32, fused),
+        }
+    }
+}
+
+/// The product of the matrix row that begins at entry `k` with `d`.
+#[cube]
+fn row_of(worlds: &Array<u32>, c: u32, d: Two3, k: u32, #[comptime] fused: bool) -> Two {
+    let row =
+        Two3 { x: unit_of(worlds, c, k), y: unit_of(worlds, c, k + 1u32), z: unit_of(worlds, c, k + 2u32) };
+    dot2(d, row, fused)
+}
+
+/// Where a particle is, its windows not wrapped since the lists were made.
+#[derive(CubeType, Clone, Copy)]
+pub struct Spot {
+    /// Windows.
+    pub hi: U4,
+    /// Fractions.
+    pub lo: U4,
+    /// Rests, as bits.
+    pub rest: U4,
+}
+
+/// The windows that a particle has when it is followed from its reference without wrapping.
+#[cube]
+pub fn unwrapped(hi_ref: u32, lo_ref: u32, lo: u32) -> u32 {
+    let moved = i32::cast_from(lo - lo_ref);
+    let up = moved > 0i32 && lo < lo_ref;
+    let down = moved < 0i32 && lo > lo_ref;
+    hi_ref + select(up, 1u32, select(down, NONE, 0u32))
+}
+
+/// Units from the origin of a pose to a place, along one axis.
+#[cube]
+fn along_axis(poses: &Array<u32>, at: u32, hi: u32, lo: u32, rest: f32, k: u32) -> Two {
+    let windows = f32::cast_from(i32::cast_from(hi - poses[(at + pose::ORIGIN + k) as usize]));
+    let origin = poses[(at + pose::ORIGIN + 3u32 + k) as usize];
+    let upper = (f32::cast_from(lo >> 16u32) - f32::cast_from(origin >> 16u32)) * 65_536.0f32;
+    let lower = f32::cast_from(lo & 0xffffu32) - f32::cast_from(origin & 0xffffu32);
+    let whole = plus2(sum(windows * 4_294_967_296.0f32, upper), sum(lower, 0.0f32));
+    plus2(whole, sum(rest - float_at(poses, at + pose::ORIGIN + 6u32 + k), 0.0f32))
+}
+
+/// From the origin of a pose to a particle's image `image` \[m\].
+#[cube]
+pub fn from_origin(
+    worlds: &Array<u32>,
+    c: u32,
+    poses: &Array<u32>,
+    at: u32,
+    p: Spot,
+    image: u32,
+    #[comptime] fused: bool,
+    #[comptime] orthogonal: bool,
+) -> Two3 {
+    let mask = comptime!((1u32 << IMAGE_BITS) - 1u32);
+    let sx = i32::cast_from(image & mask) - IMAGE_ZERO;
+    let sy = i32::cast_from((image >> IMAGE_BITS) & mask) - IMAGE_ZERO;
+    let sz = i32::cast_from((image >> comptime!(2 * IMAGE_BITS)) & mask) - IMAGE_ZERO;
+    let w = c + world::WINDOWS;
+    let hx = p.hi[0] + u32::cast_from(sx * i32::cast_from(worlds[w as usize]));
+    let hy = p.hi[1] + u32::cast_from(sy * i32::cast_from(worlds[(w + 1u32) as usize]));
+    let hz = p.hi[2] + u32::cast_from(sz * i32::cast_from(worlds[(w + 2u32) as usize]));
+    let x = along_axis(poses, at, hx, p.lo[0], f32::reinterpret(p.rest[0]), 0u32);
+    let y = along_axis(poses, at, hy, p.lo[1], f32::reinterpret(p.rest[1]), 1u32);
+    let z = along_axis(poses, at, hz, p.lo[2], f32::reinterpret(p.rest[2]), 2u32);
+    metres(worlds, c, Two3 { x, y, z }, fused, orthogonal)
+}
+
+/// Entry `k` of a pose's rotation by rows.
+#[cube]
+fn turn_of(poses: &Array<u32>, at: u32, k: u32) -> Two {
+    Two { h: float_at(poses, at + pose::ROTATION + k), l: float_at(poses, at + pose::ROTATION + 9u32 + k) }
+}
+
+/// A world vector in the frame of a pose.
+#[cube]
+pub fn into_body(poses: &Array<u32>, at: u32, x: Two3, #[comptime] fused: bool) -> Two3 {
+    Two3 {
+        x: dot2(x, column_of(poses, at, 0u32), fused),
+        y: dot2(x, column_of(poses, at, 1u32), fused),
+        z: dot2(x, column_of(poses, at, 2u32), fused),
+    }
+}
+
+/// Column `k` of a pose's rotation.
+#[cube]
+fn column_of(poses: &Array<u32>, at: u32, k: u32) -> Two3 {
+    Two3 { x: turn_of(poses, at, k), y: turn_of(poses, at, k + 3u32), z: turn_of(poses, at, k + 6u32) }
+}
+
+/// A direction of the frame in the world.
+#[cube]
+fn into_world(poses: &Array<u32>, at: u32, n: V3) -> V3 {
+    let r = at + pose::ROTATION;
+    V3 {
+        x: float_at(poses, r) * n.x + float_at(poses, r + 1u32) * n.y + float_at(poses, r + 2u32) * n.z,
+        y: float_at(poses, r + 3u32) * n.x
+            + float_at(poses, r + 4u32) * n.y
+            + float_at(poses, r + 5u32) * n.z,
+        z: float_at(poses, r + 6u32) * n.x
+            + float_at(poses, r + 7u32) * n.y
+            + float_at(poses, r + 8u32) * n.z,
+    }
+}
+
+/// Height of a place above a plane \[m\], from its origin.
+#[cube]
+pub fn height_above(poses: &Array<u32>, at: u32, x: Two3, #[comptime] fused: bool) -> Two {
+    let n = at + pose::NORMAL;
+    dot2(
+        x,
+        Two3 {
+            x: Two { h: float_at(poses, n), l: float_at(poses, n + 3u32) },
+            y: Two { h: float_at(poses, n + 1u32), l: float_at(poses, n + 4u32) },
+            z: Two { h: float_at(poses, n + 2u32), l: float_at(poses, n + 5u32) },
+        },
+        fused,
+    )
+}
+
+#[cube]
+fn vertex(verts: &Array<F4>, at: u32) -> Two3 {
+    let h = verts[(2u32 * at) as usize];
+    let l = verts[(2u32 * at + 1u32) as usize];
+    Two3 { x: Two { h: h[0], l: l[0] }, y: Two { h: h[1], l: l[1] }, z: Two { h: h[2], l: l[2] } }
+}
+
+/// A place where a triangle is closest to a sphere's centre, in the mesh's frame.
+#[derive(CubeType, Clone, Copy)]
+pub struct Facing {
+    /// Where, and how far.
+    pub gap: Gap,
+    /// 0 face, 1 edge, 2 vertex.
+    pub rank: u32,
+}
+
+/// The point of a triangle closest to the place `x` of its frame, seen by a sphere of radius `r` there.
+///
+/// The region of the triangle and the weights are found in f32; the point is then evaluated in pairs, and
+/// what the rounded weights left of it along the face or the edge is taken off.
+#[cube]
+pub fn facing(
+    verts: &Array<F4>,
+    corners: U4,
+    first: u32,
+    x: Two3,
+    r: f32,
+    #[comptime] fused: bool,
+) -> Facing {
+    let va = vertex(verts, first + corners[0]);
+    let vb = vertex(verts, first + corners[1]);
+    let vc = vertex(verts, first + corners[2]);
+    let a = minus23(va, x);
+    let ab2 = minus23(vb, va);
+    let ac2 = minus23(vc, va);
+    let closest = closest_to_origin(rounded(a), rounded(minus23(vb, x)), rounded(minus23(vc, x)));
+    let ab = rounded(ab2);
+    let ac = rounded(ac2);
+    let point = along2(along2(a, ab2, closest.s, fused), ac2, closest.t, fused);
+    let rank = select(closest.feature == 0u32, 0u32, select(closest.feature < 4u32, 1u32, 2u32));
+    // Two directions across the normal of the feature; along them the point may still be off.
+    let on_bc = closest.feature == 2u32;
+    let on_ca = closest.feature == 3u32;
+    let bc = minus(ac, ab);
+    let edge = V3 {
+        x: select(on_bc, bc.x, select(on_ca, ac.x, ab.x)),
+        y: select(on_bc, bc.y, select(on_ca, ac.y, ab.y)),
+        z: select(on_bc, bc.z, select(on_ca, ac.z, ab.z)),
+    };
+    let u = scaled(edge, 1.0f32 / length(edge));
+    let across = minus(ac, scaled(u, dot(ac, u)));
+    let w = scaled(across, 1.0f32 / f32::max(length(across), 1.0e-30f32));
+    let p = rounded(point);
+    let off_u = select(rank < 2u32, dot(p, u), 0.0f32);
+    let off_w = select(rank == 0u32, dot(p, w), 0.0f32);
+    let settled = Two3 {
+        x: less(point.x, off_u * u.x, off_w * w.x),
+        y: less(point.y, off_u * u.y, off_w * w.y),
+        z: less(point.z, off_u * u.z, off_w * w.z),
+    };
+    Facing { gap: gap(settled, sum(r, 0.0f32), fused), rank }
+}
+
+#[cube]
+fn less(a: Two, b: f32, c: f32) -> Two {
+    minus2(minus2(a, sum(b, 0.0f32)), sum(c, 0.0f32))
+}
+
+/// The sums of the contacts of a particle with surfaces.
+// Variables of a kernel begin with a value, read or not.
+#[allow(unused_assignments)]
+#[cube]
+pub fn surfaces_of(
+    row: u32,
+    rows_from: u32,
+    rows_to: u32,
+    row_room: u32,
+    entries: u32,
+    p: Spot,
+    t: u32,
+    c: u32,
+    dt: f32,
+    r: f32,
+    im: f32,
+    v: V3,
+    w: V3,
+    material: u32,
+    overflow: &mut Array<Atomic<u32>>,
+    halt_at: u32,
+    worlds: &Array<u32>,
+    pairs: &Array<F4>,
+    bounds: &Array<u32>,
+    poses: &Array<u32>,
+    tris: &Array<U4>,
+    verts: &Array<F4>,
+    facets: &Array<u32>,
+    row_count: &mut Array<u32>,
+    row_mem: &mut Array<F4>,
+    push: &mut Array<F4>,
+    first: u32,
+    #[comptime] s: Signature,
+    #[comptime] purpose: Purpose,
+) -> Sums {
+    let range = float_at(worlds, c + world::RANGE);
+    let materials = worlds[(c + world::MATERIALS) as usize];
+    let table = worlds[(c + world::PAIRS) as usize];
+    let bound0 = worlds[(c + world::BOUNDARIES) as usize];
+    let mut old_n = 0u32;
+    if row != NONE {
+        old_n = row_count[(rows_from * row_room + row) as usize];
+    }
+    let old = (rows_from * row_room + row) * SLOTS;
+    let new = (rows_to * row_room + row) * SLOTS;
+
+    let mut fx = 0.0f32;
+    let mut fy = 0.0f32;
+    let mut fz = 0.0f32;
+    let mut tx = 0.0f32;
+    let mut ty = 0.0f32;
+    let mut tz = 0.0f32;
+    let mut dx = 0.0f32;
+    let mut dy = 0.0f32;
+    let mut dz = 0.0f32;
+    let mut gx = 0.0f32;
+    let mut gy = 0.0f32;
+    let mut gz = 0.0f32;
+    let mut rx = 0.0f32;
+    let mut ry = 0.0f32;
+    let mut rz = 0.0f32;
+    let mut energy_normal = 0.0f32;
+    let mut energy_tangential = 0.0f32;
+    let mut energy_before = 0.0f32;
+    let mut friction_loss = 0.0f32;
+    let mut dash_power = 0.0f32;
+    let mut roll_power = 0.0f32;
+    let mut work = 0.0f32;
+    let mut worst = 0.0f32;
+    let mut slots = 0u32;
+
+    let mut nx = Array::<f32>::new(comptime!(TOUCHED as usize));
+    let mut ny = Array::<f32>::new(comptime!(TOUCHED as usize));
+    let mut nz = Array::<f32>::new(comptime!(TOUCHED as usize));
+    let mut far = Array::<f32>::new(comptime!(TOUCHED as usize));
+    let mut deep = Array::<f32>::new(comptime!(TOUCHED as usize));
+    let mut rank = Array::<u32>::new(comptime!(TOUCHED as usize));
+    let mut image = Array::<u32>::new(comptime!(TOUCHED as usize));
+
+    let mut bound = Array::<u32>::new(comptime!(TOUCHED as usize));
+    let mut m = 0u32;
+    for e in 0..entries {
+        let facet = FACET_WORDS * (first + e);
+        let triangle = facets[facet as usize];
+        let b = facets[(facet + 1u32) as usize];
+        let seen = facets[(facet + 2u32) as usize];
+        let bt = (bound0 + b) * boundary::WORDS;
+        let at = bounds[(bt + boundary::POSE) as usize] + t * bounds[(bt + boundary::STRIDE) as usize];
+        if poses[(at + pose::PRESENT) as usize] == 1u32 {
+            let x = from_origin(worlds, c, poses, at, p, seen, comptime!(s.fused), comptime!(s.orthogonal));
+            let triangles = bounds[(bt + boundary::TRIANGLES) as usize];
+            let mut ux = 0.0f32;
+            let mut uy = 0.0f32;
+            let mut uz = 0.0f32;
+            let mut size = 0.0f32;
+            let mut delta = (0.0f32 - 1.0e30f32).runtime();
+            let mut order = 0u32;
+            if triangles == NONE {
+                let h = height_above(poses, at, x, comptime!(s.fused));
+                size = f32::abs(h.h);
+                let sign = select(h.h > 0.0f32, 1.0f32, 0.0f32 - 1.0f32);
+                delta = minus2(sum(r, 0.0f32), Two { h: h.h * sign, l: h.l * sign }).h;
+                let normal = at + pose::NORMAL;
+                ux = 0.0f32 - sign * float_at(poses, normal);
+                uy = 0.0f32 - sign * float_at(poses, normal + 1u32);
+                uz = 0.0f32 - sign * float_at(poses, normal + 2u32);
+            } else {
+                let vertices = bounds[(bt + boundary::VERTICES) as usize];
+                let body = into_body(poses, at, x, comptime!(s.fused));
+                let f = facing(
+                    verts,
+                    tris[(triangles + triangle) as usize],
+                    vertices,
+                    body,
+                    r,
+                    comptime!(s.fused),
+                );
+                let n = into_world(poses, at, f.gap.n);
+                ux = n.x;
+                uy = n.y;
+                uz = n.z;
+                size = f.gap.distance;
+                delta = f.gap.delta;
+                order = f.rank;
+            }
+            if delta > 0.0f32 - range {
+                if m < TOUCHED {
+                    nx[m as usize] = ux;
+                    ny[m as usize] = uy;
+                    nz[m as usize] = uz;
+                    far[m as usize] = size;
+                    deep[m as usize] = delta;
+                    rank[m as usize] = order;
+                    image[m as usize] = seen;
+                    bound[m as usize] = b;
+                    m += 1u32;
+                } else {
+                    overflow[halt_at as usize].fetch_max(halt::CONTACTS);
+                }
+            }
+        }
+    }
+
+    // Face beats edge beats vertex, then the closer; what lies on or below the plane of an accepted
+    // contact belongs to it.
+    let mut used = 0u32;
+    let mut waiting = (1u32 << m) - 1u32;
+    let mut kept = 0u32;
+    // Counted loops only: the optimiser of CubeCL 0.10 turns nested `while` loops over the bits of one word
+    // into loops that do not end.
+    for _round in 0..m {
+        let mut best = 0u32;
+        let mut best_rank = 3u32;
+        let mut best_far = 0.0f32;
+        for q in 0..m {
+            let open = (waiting >> q) & 1u32 == 1u32;
+            let lower = rank[q as usize] < best_rank;
+            let closer = rank[q as usize] == best_rank && far[q as usize] < best_far;
+            if open && (lower || closer) {
+                best = q;
+                best_rank = rank[q as usize];
+                best_far = far[q as usize];
+            }
+        }
+        waiting &= !(1u32 << best);
+        let b = bound[best as usize];
+        let bt = (bound0 + b) * boundary::WORDS;
+        let at = bounds[(bt + boundary::POSE) as usize] + t * bounds[(bt + boundary::STRIDE) as usize];
+        let n = V3 { x: nx[best as usize], y: ny[best as usize], z: nz[best as usize] };
+        let distance = far[best as usize];
+        let mut shadowed = false;
+        for q in 0..m {
+            let accepted = (kept >> q) & 1u32 == 1u32 && bound[q as usize] == b;
+            let cosine = nx[q as usize] * n.x + ny[q as usize] * n.y + nz[q as usize] * n.z;
+            let height = far[q as usize] - distance * cosine;
+            shadowed = shadowed || (accepted && height <= f32::max(deep[q as usize], 1.0e-6f32 * r));
+        }
+        if !shadowed {
+            kept |= 1u32 << best;
+            // What this contact remembers: that of the nearest normal of the step before.
+            let mut kin = NONE.runtime();
+            let mut closest = 0.5f32;
+            for q in 0..old_n {
+                let before = row_mem[(2u32 * (old + q)) as usize];
+                let cosine = before[0] * n.x + before[1] * n.y + before[2] * n.z;
+                let mine = u32::cast_from(before[3]) == b && (used >> q) & 1u32 == 0u32;
+                if mine && cosine > closest {
+                    closest = cosine;
+                    kin = q;
+                }
+            }
+            let mut sx = 0.0f32;
+            let mut sy = 0.0f32;
+            let mut sz = 0.0f32;
+            let mut slip = 0.0f32;
+            if kin != NONE {
+                used |= 1u32 << kin;
+                let h = row_mem[(2u32 * (old + kin) + 1u32) as usize];
+                sx = h[0];
+                sy = h[1];
+                sz = h[2];
+                slip = h[3];
+            }
+            let delta = deep[best as usize];
+            let x = rounded(from_origin(
+                worlds,
+                c,
+                poses,
+                at,
+                p,
+                image[best as usize],
+                comptime!(s.fused),
+                comptime!(s.orthogonal),
+            ));
+            let arm = plus(x, scaled(n, distance));
+            let u = at + pose::VELOCITY;
+            let turning = V3 {
+                x: float_at(poses, u + 3u32),
+                y: float_at(poses, u + 4u32),
+                z: float_at(poses, u + 5u32),
+            };
+            let moving =
+                V3 { x: float_at(poses, u), y: float_at(poses, u + 1u32), z: float_at(poses, u + 2u32) };
+            let v_b = plus(moving, cross(turning, arm));
+            let partner = bounds[(bt + boundary::MATERIAL) as usize];
+            let f = interact(
+                Meeting {
+                    n,
+                    delta,
+                    r_eff: r,
+                    diameter: 2.0f32 * r,
+                    r_a: r,
+                    r_b: 0.0f32,
+                    arm_a: distance,
+                    arm_b: 0.0f32,
+                    im_a: im,
+                    im_b: 0.0f32,
+                    v_a: v,
+                    v_b,
+                    w_a: w,
+                    w_b: turning,
+                    stretch: V3 { x: sx, y: sy, z: sz },
+                    slip,
+                },
+                pairs,
+                table + material * materials + partner,
+                dt,
+                comptime!(s.laws),
+            );
+            fx += f.force.x;
+            fy += f.force.y;
+            fz += f.force.z;
+            tx += f.torque_a.x;
+            ty += f.torque_a.y;
+            tz += f.torque_a.z;
+            worst = f32::max(worst, delta / r);
+            if comptime!(s.ledger || purpose == Purpose::Observe) {
+                let around = scaled(cross(n, f.dash), distance);
+                dx += f.dash.x;
+                dy += f.dash.y;
+                dz += f.dash.z;
+                gx += around.x;
+                gy += around.y;
+                gz += around.z;
+                rx += f.roll_a.x;
+                ry += f.roll_a.y;
+                rz += f.roll_a.z;
+                energy_normal += f.energy_normal;
+                energy_tangential += f.energy_tangential;
+                energy_before += f.energy_before;
+                friction_loss += f.friction_loss;
+                dash_power += f.dash_power;
+                roll_power += f.roll_power;
+                work += dot(f.force, v_b) - dot(f.torque_b, turning);
+            }
+            if slots < SLOTS {
+                if comptime!(purpose == Purpose::Step) {
+                    let slot = new + slots;
+                    row_mem[(2u32 * slot) as usize] = four(n.x, n.y, n.z, f32::cast_from(b));
+                    row_mem[(2u32 * slot + 1u32) as usize] =
+                        four(f.stretch.x, f.stretch.y, f.stretch.z, f.slip);
+                    let surface = bounds[(bt + boundary::SURFACE) as usize];
+                    let named = select(surface == NONE, 0.0f32, f32::cast_from(surface + 1u32));
+                    let on = scaled(f.force, 0.0f32 - 1.0f32);
+                    let torque = plus(cross(arm, on), f.torque_b);
+                    let out = (row * SLOTS + slots) * 2u32;
+                    push[out as usize] = four(on.x, on.y, on.z, named);
+                    push[(out + 1u32) as usize] = four(torque.x, torque.y, torque.z, 0.0f32);
+                }
+            } else {
+                overflow[halt_at as usize].fetch_max(halt::CONTACTS);
+            }
+            slots += 1u32;
+        }
+    }
+    if comptime!(purpose == Purpose::Step) {
+        if row != NONE {
+            row_count[(rows_to * row_room + row) as usize] = min(slots, SLOTS);
+        }
+    }
+    Sums {
+        force: V3 { x: fx, y: fy, z: fz },
+        torque: V3 { x: tx, y: ty, z: tz },
+        dash: V3 { x: dx, y: dy, z: dz },
+        drag: V3 { x: gx, y: gy, z: gz },
+        roll: V3 { x: rx, y: ry, z: rz },
+        energy_normal,
+        energy_tangential,
+        energy_before,
+        friction_loss,
+        dash_power,
+        roll_power,
+        work,
+        worst,
+        contacts: slots,
+    }
+}

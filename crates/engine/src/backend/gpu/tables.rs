@@ -1,0 +1,331 @@
+//! What kernels look up: worlds, pairs of materials, boundaries, meshes and poses, as words.
+
+use super::layout::{BLOCK, IMAGE_ZERO, NONE, SLICE, boundary, pose, status, world};
+use crate::lattice::{Lattice, UNITS, norm, sub};
+use crate::setup::{BoundaryShape, Constants, SKIN_MIN};
+use crate::spec::{Pose, Vec3};
+use crate::state::Progress;
+use crate::surface::{Placed, rotate};
+
+/// What a world has room for.
+#[derive(Clone, Copy, Debug)]
+pub struct Rooms {
+    /// List entries.
+    pub lists: u32,
+    /// Rows of particles near surfaces.
+    pub rows: u32,
+    /// Facets.
+    pub facets: u32,
+}
+
+/// Where a world lies in the buffers of its group.
+#[derive(Clone, Copy, Debug)]
+pub struct Region {
+    /// First particle.
+    pub first: u32,
+    /// Blocks of particles.
+    pub blocks: u32,
+    /// First cell.
+    pub cells: u32,
+    /// Cells.
+    pub cell_room: u32,
+    /// First list entry, row and facet.
+    pub begins: [u32; 3],
+    /// How many of each there may be.
+    pub rooms: Rooms,
+    /// First pair of materials.
+    pub pairs: u32,
+    /// First boundary.
+    pub boundaries: u32,
+}
+
+/// The cells that a world may come to need: as many as its finest grid has, but no more than follow from its
+/// particles.
+pub fn cell_room(c: &Constants, count: usize) -> u32 {
+    let reach = 2.0 * c.radius_max + c.range + SKIN_MIN * c.radius_mean;
+    let cells: f64 = (0..3)
+        .map(|k| (c.lattice.height[k] / reach).floor().max(1.0) * f64::from(c.lattice.windows[k]))
+        .product();
+    (cells.min(4.0 * count as f64 + 1024.0) as u32).next_multiple_of(BLOCK)
+}
+
+fn split(x: f64) -> [u32; 2] {
+    let h = x as f32;
+    [h.to_bits(), ((x - f64::from(h)) as f32).to_bits()]
+}
+
+fn put(words: &mut [u32], at: u32, values: &[u32]) {
+    words[at as usize..at as usize + values.len()].copy_from_slice(values);
+}
+
+/// The row of a world.
+pub fn world_row(c: &Constants, r: &Region, series: u32) -> Vec<u32> {
+    let mut w = vec![0; world::WORDS as usize];
+    let l = &c.lattice;
+    put(
+        &mut w,
+        0,
+        &[
+            r.first,
+            c.spec.materials.len() as u32,
+            r.pairs,
+            r.boundaries,
+            c.boundaries.len() as u32,
+            r.cells,
+            r.cell_room,
+            r.begins[0],
+            r.rooms.lists,
+            r.begins[1],
+            r.rooms.rows,
+            r.begins[2],
+            r.rooms.facets,
+            r.blocks,
+        ],
+    );
+    put(&mut w, world::WINDOWS, &l.windows);
+    put(&mut w, world::PERIODIC, &l.periodic.map(u32::from));
+    put(&mut w, world::EXTENT, &l.extent.map(|e| (e >> 32) as u32));
+    put(&mut w, world::EXTENT + 3, &l.extent.map(|e| e as u32));
+    let f = |x: f64| (x as f32).to_bits();
+    let limit = if c.spec.guards.overlap_stops { c.spec.guards.overlap_limit } else { f64::INFINITY };
+    let far = super::super::common::runaway_distance(c);
+    put(&mut w, world::DT, &[f(c.dt)]);
+    put(&mut w, world::GRAVITY, &c.spec.gravity.map(f));
+    put(&mut w, world::DAMPING, &[f(c.spec.local_damping), f(far * far), f(limit)]);
+    for k in 0..9 {
+        let [h, low] = split(l.unit[k / 3][k % 3]);
+        w[(world::UNIT as usize) + k] = h;
+        w[(world::UNIT as usize) + 9 + k] = low;
+        w[(world::INVERSE as usize) + k] = f(l.inverse[k / 3][k % 3]);
+    }
+    put(&mut w, world::RANGE, &[f(c.range), f(c.radius_mean), f(c.radius_max)]);
+    put(&mut w, world::HEIGHT, &l.height.map(f));
+    put(&mut w, world::SERIES, &[series, c.spec.surfaces.len() as u32, r.first / SLICE]);
+    put(&mut w, world::WRAP, &c.fall().map(f));
+    w
+}
+
+/// The coefficients of a world's pairs of materials.
+pub fn pair_quads(c: &Constants) -> Vec<[f32; 4]> {
+    let four = |x: [f64; 4]| x.map(|v| v as f32);
+    c.pairs
+        .iter()
+        .flat_map(|p| {
+            [
+                four(p.normal),
+                four(p.tangential),
+                four(p.rolling),
+                four(p.cohesion),
+                four([p.friction[0], p.friction[1], p.remember, p.truncate]),
+                four([p.clip, p.range, 0.0, 0.0]),
+            ]
+        })
+        .collect()
+}
+
+/// Meshes of a group, one after the other.
+#[derive(Default)]
+pub struct Meshes {
+    /// Vertices: leading parts, rests.
+    pub vertices: Vec<[f32; 4]>,
+    /// Vertex numbers.
+    pub triangles: Vec<[u32; 4]>,
+    /// Boxes of the hierarchies.
+    pub nodes: Vec<[f32; 4]>,
+    /// Triangles in the hierarchies' order.
+    pub order: Vec<u32>,
+    /// Rows of boundaries, without poses.
+    pub rows: Vec<u32>,
+}
+
+impl Meshes {
+    /// Adds the boundaries of a world.
+    pub fn add(&mut self, c: &Constants) {
+        for b in &c.boundaries {
+            let mut row = [0_u32; boundary::WORDS as usize];
+            row[boundary::MATERIAL as usize] = b.material as u32;
+            row[boundary::SURFACE as usize] = b.surface.map_or(NONE, |s| s as u32);
+            row[boundary::TRIANGLES as usize] = NONE;
+            if let BoundaryShape::Mesh(mesh, bvh) = &b.shape {
+                row[boundary::TRIANGLES as usize] = self.triangles.len() as u32;
+                row[boundary::VERTICES as usize] = (self.vertices.len() / 2) as u32;
+                row[boundary::NODES as usize] = (self.nodes.len() / 2) as u32;
+                row[boundary::ORDER as usize] = self.order.len() as u32;
+                let size = mesh.vertices.iter().flatten().fold(0.0_f64, |a, x| a.max(x.abs()));
+                row[boundary::SIZE as usize] = (size as f32).to_bits();
+                for x in &mesh.vertices {
+                    let h = x.map(|v| v as f32);
+                    let l = [0, 1, 2].map(|k| (x[k] - f64::from(h[k])) as f32);
+                    self.vertices.push([h[0], h[1], h[2], 0.0]);
+                    self.vertices.push([l[0], l[1], l[2], 0.0]);
+                }
+                self.triangles.extend(mesh.triangles.iter().map(|t| [t[0], t[1], t[2], 0]));
+                for (min, max, link, count) in bvh.boxes() {
+                    let lo = min.map(|x| x as f32);
+                    let hi = max.map(|x| x as f32);
+                    self.nodes.push([lo[0], lo[1], lo[2], f32::from_bits(link)]);
+                    self.nodes.push([hi[0], hi[1], hi[2], f32::from_bits(count)]);
+                }
+                self.order.extend_from_slice(bvh.order());
+            }
+            self.rows.extend_from_slice(&row);
+        }
+    }
+}
+
+/// Where surfaces stand in the steps of a job.
+pub struct Poses {
+    /// Poses as words.
+    pub words: Vec<u32>,
+}
+
+/// A place in windows, fractions and rests, not wrapped.
+fn encode(l: &Lattice, x: Vec3) -> [u32; 9] {
+    let d = sub(x, l.origin);
+    let mut out = [0; 9];
+    for k in 0..3 {
+        let units: f64 = (0..3).map(|r| l.inverse[k][r] * d[r]).sum();
+        let whole = units.round();
+        let hi = (whole / UNITS).floor();
+        out[k] = hi as i64 as i32 as u32;
+        out[3 + k] = (whole - hi * UNITS) as u64 as u32;
+        out[6 + k] = ((units - whole) as f32).to_bits();
+    }
+    out
+}
+
+fn words(c: &Constants, b: usize, placed: &Placed, present: bool, path: f64) -> [u32; pose::WORDS as usize] {
+    let mut w = [0; pose::WORDS as usize];
+    put(&mut w, pose::ORIGIN, &encode(&c.lattice, placed.pose.translation));
+    let columns =
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|e| rotate(placed.pose.rotation, e));
+    for k in 0..9 {
+        let [h, l] = split(columns[k % 3][k / 3]);
+        w[pose::ROTATION as usize + k] = h;
+        w[pose::ROTATION as usize + 9 + k] = l;
+    }
+    put(&mut w, pose::VELOCITY, &placed.velocity.map(|x| (x as f32).to_bits()));
+    put(&mut w, pose::VELOCITY + 3, &placed.spin.map(|x| (x as f32).to_bits()));
+    if let BoundaryShape::Plane(n) = &c.boundaries[b].shape {
+        let n = rotate(placed.pose.rotation, *n);
+        for k in 0..3 {
+            let [h, l] = split(n[k]);
+            w[pose::NORMAL as usize + k] = h;
+            w[pose::NORMAL as usize + 3 + k] = l;
+        }
+    }
+    w[pose::PRESENT as usize] = u32::from(present);
+    // Rounded up: lists must not be trusted for longer than they reach.
+    w[pose::PATH as usize] = ((path * (1.0 + 1e-6)) as f32).to_bits();
+    w
+}
+
+/// Corners of what moves with boundary `b`, in its frame: a rigid body strays most at one of them.
+fn corners(c: &Constants, b: usize, reference: &Pose) -> Vec<Vec3> {
+    match &c.boundaries[b].shape {
+        BoundaryShape::Mesh(_, bvh) => bvh.corners().map_or_else(Vec::new, |x| x.to_vec()),
+        BoundaryShape::Plane(_) => c.spec.domain.corners().iter().map(|x| reference.inverse(*x)).collect(),
+    }
+}
+
+fn farthest(corners: &[Vec3], a: &Pose, b: &Pose) -> f64 {
+    corners.iter().map(|x| norm(sub(a.apply(*x), b.apply(*x)))).fold(0.0, f64::max)
+}
+
+/// The images of particles that may meet boundary `b` at a pose, widening `range`.
+fn images(c: &Constants, b: usize, corners: &[Vec3], at: &Pose, range: &mut [[i32; 2]; 3]) {
+    let BoundaryShape::Mesh(..) = &c.boundaries[b].shape else { return };
+    let l = &c.lattice;
+    for k in (0..3).filter(|&k| l.periodic[k]) {
+        let span = f64::from(l.windows[k]) * UNITS;
+        let reach = c.cutoff() / (l.height[k] * f64::from(l.windows[k]));
+        for x in corners {
+            let d = sub(at.apply(*x), l.origin);
+            let s = (0..3).map(|r| l.inverse[k][r] * d[r]).sum::<f64>() / span;
+            range[k][0] = range[k][0].min((s - reach).floor() as i32);
+            range[k][1] = range[k][1].max((s + reach).floor() as i32);
+        }
+    }
+}
+
+impl Poses {
+    /// None yet.
+    pub fn new() -> Self {
+        Self { words: Vec::new() }
+    }
+
+    /// Adds the poses of a world's boundaries at `steps + 1` successive steps from that of `g` on, or the
+    /// reference poses of its lists; completes its rows of the table of boundaries. Says whether images of
+    /// particles can be told everywhere that a mesh goes.
+    pub fn add(
+        &mut self,
+        c: &Constants,
+        g: &Progress,
+        steps: u64,
+        reference: bool,
+        rows: &mut [u32],
+    ) -> bool {
+        let mut fine = true;
+        for (b, row) in rows.chunks_exact_mut(boundary::WORDS as usize).enumerate() {
+            let bound = &c.boundaries[b];
+            let begin = self.words.len();
+            let mut range = [[0_i32; 2]; 3];
+            let stride = match bound.surface {
+                None => {
+                    let placed = Placed { pose: bound.pose, ..Placed::default() };
+                    self.words.extend_from_slice(&words(c, b, &placed, true, 0.0));
+                    0
+                }
+                Some(s) => {
+                    let state = &g.surfaces[s];
+                    let present = state.present;
+                    let far = corners(c, b, &state.reference);
+                    let at = |step: u64| {
+                        if present {
+                            let time = (step - state.since) as f64 * c.dt;
+                            c.motion(s, g.stage).at(&state.base, time)
+                        } else {
+                            Placed { pose: state.base, ..Placed::default() }
+                        }
+                    };
+                    let moves = present && !reference && !c.motion(s, g.stage).is_fixed();
+                    let mut path = 0.0;
+                    let mut before = state.reference;
+                    for step in 0..=if moves { steps } else { 0 } {
+                        let mut placed = at(g.step + step);
+                        if reference {
+                            placed.pose = state.reference;
+                        }
+                        path += farthest(&far, &placed.pose, &before);
+                        before = placed.pose;
+                        images(c, b, &far, &placed.pose, &mut range);
+                        self.words.extend_from_slice(&words(c, b, &placed, present, path));
+                    }
+                    if moves { pose::WORDS } else { 0 }
+                }
+            };
+            row[boundary::POSE as usize] = begin as u32;
+            row[boundary::STRIDE as usize] = stride;
+            for k in 0..3 {
+                for (end, at) in range[k].into_iter().zip([0, 3]) {
+                    fine &= (-IMAGE_ZERO..IMAGE_ZERO).contains(&end);
+                    row[boundary::IMAGES as usize + at + k] = (end + IMAGE_ZERO) as u32;
+                }
+            }
+        }
+        fine
+    }
+}
+
+/// A world's row of states.
+pub fn status_row(g: &Progress, count: usize) -> Vec<u32> {
+    let mut s = vec![0; status::WORDS as usize];
+    s[status::SKIN as usize] = (g.skin as f32).to_bits();
+    s[status::SINCE as usize] = (g.step - g.rebuilt).min(u64::from(u32::MAX / 2)) as u32;
+    s[status::COUNT as usize] = count as u32;
+    s[status::PRIMED as usize] = u32::from(g.primed);
+    s[status::REBUILT as usize] = NONE;
+    s
+}
+
+const _: () = assert!(world::WRAP + 3 <= world::WORDS);
