@@ -24,6 +24,7 @@ pub use glebe_report as report;
 pub mod bench;
 #[doc(hidden)]
 pub mod cli;
+pub mod device;
 pub mod run;
 pub mod templates;
 pub mod validate;

@@ -167,18 +167,80 @@ fn check_tells_what_would_be_run() {
 }
 
 #[test]
-fn a_device_that_is_not_there_is_refused() {
+fn a_device_that_is_not_there_is_refused_by_every_verb() {
     let place = Place::new();
     place.write("scene.toml", SCENE);
-    place
-        .glebe(&["run", "scene.toml", "--device", "gpu"])
-        .expect(2)
-        .says(&["no GPU backend", "--device cpu"]);
-    place.glebe(&["run", "scene.toml", "--device", "abacus"]).expect(2).says(&["auto, cpu"]);
+    let verbs: [&[&str]; 4] = [
+        &["run", "scene.toml"],
+        &["check", "scene.toml"],
+        &["validate", "B11", "--out", "out"],
+        &["bench", "--sizes", "300", "--beds", "mono"],
+    ];
+    for verb in verbs {
+        let on = |device: &str| place.glebe(&[verb, &["--device", device]].concat());
+        on("abacus").expect(2).says(&["abacus", "auto, cpu, gpu, gpu:NUMBER or cuda:NUMBER"]);
+        on("gpu:1000").expect(2).says(&["cannot be used", "What to do:"]);
+        on("cuda:1000").expect(2).says(&["cannot be used", "What to do:"]);
+        if cfg!(not(feature = "gpu")) {
+            on("gpu").expect(2).says(&["no GPU backend", "--device cpu"]);
+        }
+    }
     assert!(!place.path("out").exists());
-    let devices = place.glebe(&["devices", "--json"]).expect(0).json();
-    assert_eq!(devices["auto"], "cpu");
-    assert_eq!(devices["devices"][0]["usable"], true);
+    let wrong = place.glebe(&["run", "scene.toml", "--device", "gpu:1000", "--json"]);
+    assert_eq!(wrong.expect(2).json()["errors"][0]["code"], "input");
+}
+
+#[test]
+fn devices_are_listed_with_what_is_missing_and_how_to_get_it() {
+    let place = Place::new();
+    let listing = place.glebe(&["devices", "--json"]).expect(0).json();
+    let devices = listing["devices"].as_array().unwrap();
+    assert_eq!((&devices[0]["name"], &devices[0]["usable"]), (&"cpu".into(), &true.into()));
+    let auto = devices.iter().find(|d| d["name"] == listing["auto"]).unwrap();
+    assert_eq!(auto["usable"], true);
+    assert_ne!(auto["kind"], "software", "auto never takes a program that acts as a graphics processor");
+    for missing in listing["unavailable"].as_array().unwrap() {
+        for part in ["what", "why", "remedy"] {
+            assert!(!missing[part].as_str().unwrap().is_empty(), "{missing}");
+        }
+    }
+    let hardware = devices.iter().any(|d| !["cpu", "software"].contains(&d["kind"].as_str().unwrap()));
+    assert!(hardware || listing["auto"] == "cpu", "{listing:#}");
+    assert!(hardware || !listing["unavailable"].as_array().unwrap().is_empty(), "{listing:#}");
+    let text = place.glebe(&["devices"]);
+    for device in devices {
+        assert!(text.expect(0).stdout.contains(device["name"].as_str().unwrap()), "{}", text.stdout);
+    }
+}
+
+#[test]
+fn a_run_names_its_device() {
+    let place = Place::new();
+    place.write("scene.toml", SCENE);
+    let short = ["--set", "stage.push.duration=0.001", "--set", "stage.settle.until.at_most=0.001"];
+    let on = |device: &str, out: &str| {
+        place.glebe(&[&["run", "scene.toml", "--device", device, "--out", out], &short[..]].concat())
+    };
+    on("cpu", "cpu").expect(0);
+    assert!(place.summary("cpu")["device"].as_str().unwrap().starts_with("cpu ("));
+    // One line says what `auto` took.
+    let auto = on("auto", "auto");
+    assert_eq!(auto.expect(0).stderr.lines().filter(|l| l.starts_with("device: ")).count(), 1, "{auto:?}");
+    assert!(auto.stderr.contains(place.summary("auto")["device"].as_str().unwrap()), "{auto:?}");
+
+    let listing = place.glebe(&["devices", "--json"]).json();
+    if !listing["devices"].as_array().unwrap().iter().any(|d| d["name"] == "gpu:0") {
+        let needed = cfg!(feature = "gpu") && std::env::var_os("CI").is_some();
+        assert!(!needed, "{listing:#}");
+        return;
+    }
+    on("gpu:0", "gpu").expect(0);
+    assert!(place.summary("gpu")["device"].as_str().unwrap().starts_with("gpu:0 ("));
+    // A graphics processor has to be one unless it is named.
+    let kind = |d: &serde_json::Value| d["kind"] == "software";
+    if listing["devices"].as_array().unwrap()[1..].iter().all(kind) {
+        on("gpu", "other").expect(2).says(&["no graphics processor was found", "--device gpu:0 forces"]);
+    }
 }
 
 #[test]

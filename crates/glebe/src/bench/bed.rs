@@ -10,7 +10,7 @@ use glebe_engine::generate::{FillRequest, GenerateError, Region, generate, solid
 use glebe_engine::lattice::cross;
 use glebe_engine::spec::{Domain, Side, Stage, Step, Time, Until, Vec3, WorldSpec};
 use glebe_engine::state::{StageResult, State};
-use glebe_engine::{Constants, SetupError, prepare};
+use glebe_engine::{Constants, prepare};
 use glebe_io::checkpoint::{self, CheckpointError, Header};
 use glebe_io::output::OutputError;
 use glebe_physics::{IntegratorKind, LawChoice, Material};
@@ -20,6 +20,7 @@ use super::BenchError;
 use super::drum::Drum;
 use super::grading::BedKind;
 use crate::cli::Ui;
+use crate::device::admit;
 
 /// Solid fraction of the bed when it is made.
 const SOLID_FRACTION: f64 = 0.60;
@@ -182,26 +183,28 @@ impl Bed {
         Ok(prepare(self.world(&radii, |_| inside, steps, ledger))?.0)
     }
 
-    /// The bed, prepared: from the folder `cache` if it is there, else made, and kept there.
-    pub fn prepared(&self, cache: Option<&Path>, ui: &Ui) -> Result<Prepared, BenchError> {
+    /// The bed, prepared: from the folder `cache` if it is there, whatever made it, else made, and kept there.
+    pub fn prepared(&self, cache: Option<&Path>, backend: Backend, ui: &Ui) -> Result<Prepared, BenchError> {
         let key = self.key()?;
         let path = cache.map(|folder| folder.join(format!("{key}.glebe")));
         if let Some(state) = path.as_deref().and_then(|path| load(path, &key)) {
             return Ok(Prepared { state, cached: true });
         }
         ui.note(&format!("preparing the {self}"));
-        let state = self.prepare()?;
+        let state = self.prepare(backend)?;
         if let Some(path) = path {
             store(&path, key, &state)?;
         }
         Ok(Prepared { state, cached: false })
     }
 
-    fn prepare(&self) -> Result<State, BenchError> {
+    fn prepare(&self, backend: Backend) -> Result<State, BenchError> {
         let radii = self.radii()?;
         let places = self.places(&radii)?;
         let world = self.world(&radii, |i| places[i], 1, false);
-        let mut batch = Batch::new(vec![world], Backend::Cpu).map_err(|(_, e): (usize, SetupError)| e)?;
+        let (constants, state) = prepare(world)?;
+        admit(backend, [&*constants])?;
+        let mut batch = Batch::from_states(vec![(constants, state)], backend);
         while batch.running() && batch.progress(0).stage == 0 {
             let Ok(()) = batch.advance(&mut Blind);
         }

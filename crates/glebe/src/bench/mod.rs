@@ -19,12 +19,14 @@ mod timing;
 use std::path::PathBuf;
 
 use glebe_engine::SetupError;
+use glebe_engine::backend::{Backend, Unavailable};
 use glebe_engine::batch::Status;
 use glebe_engine::generate::GenerateError;
 use glebe_io::checkpoint::CheckpointError;
 use glebe_io::output::{OutputError, write_atomic};
 
 use crate::cli::Ui;
+use crate::device::Device;
 use bed::{Bed, Mode};
 pub use grading::BedKind;
 use timing::Row;
@@ -35,6 +37,7 @@ use timing::Row;
 Examples:
   glebe bench
   glebe bench --threads 1 --beds mono
+  glebe bench --device gpu --sizes 100k,1M --flowing none
   glebe bench --sizes 50k --beds mono,1:3,1:10 --flowing none
   glebe bench --sizes 10k,100k,1M --repeat 5 --out bench.json
 
@@ -78,6 +81,9 @@ pub struct BenchArgs {
     /// How often they are timed
     #[arg(long, value_name = "K", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub repeat: u32,
+    /// Where to compute: auto, cpu, gpu, gpu:N or cuda:N, as `glebe devices` lists them
+    #[arg(long, value_name = "DEVICE", default_value = "auto")]
+    pub device: Device,
     /// Threads to use [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub threads: Option<u16>,
@@ -127,6 +133,9 @@ pub enum BenchError {
     /// The engine refuses the bed.
     #[error(transparent)]
     Setup(#[from] SetupError),
+    /// The device is not there, or has no room for a bed.
+    #[error(transparent)]
+    Device(#[from] Unavailable),
     /// The bed went wrong.
     #[error("the {bed} is {status:?} where it should be done")]
     Stopped {
@@ -149,13 +158,15 @@ pub enum BenchError {
 /// Prepares the beds asked for, or finds them prepared, times them, and prints a table or JSON.
 ///
 /// # Errors
-/// Beds that cannot be made, prepared, kept or run; results that cannot be written.
+/// A device that is not there; beds that cannot be made, prepared, kept or run; results that cannot be written.
 pub fn run(args: &BenchArgs, ui: &Ui) -> Result<(), BenchError> {
     let threads = args.threads.map_or(0, usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let (value, table) = pool.install(|| {
-        let rows = measure(args, ui)?;
-        Ok::<_, BenchError>((report::json(&rows, args)?, report::table(&rows, args)))
+        let chosen = args.device.choose([])?;
+        chosen.note.iter().for_each(|line| ui.note(line));
+        let (rows, device) = (measure(args, chosen.backend, ui)?, chosen.backend.device());
+        Ok::<_, BenchError>((report::json(&rows, args, &device)?, report::table(&rows, args, &device)))
     })?;
     if let Some(path) = &args.out {
         write_atomic(path, |out| writeln!(out, "{value:#}"))?;
@@ -165,7 +176,7 @@ pub fn run(args: &BenchArgs, ui: &Ui) -> Result<(), BenchError> {
 }
 
 /// The rows of every size, each bed's flowing one below its settled one.
-fn measure(args: &BenchArgs, ui: &Ui) -> Result<Vec<Row>, BenchError> {
+fn measure(args: &BenchArgs, backend: Backend, ui: &Ui) -> Result<Vec<Row>, BenchError> {
     let cache = crate::run::default_bed_folder().filter(|_| !args.no_cache).map(|f| f.join("bench"));
     let mut rows = Vec::new();
     for &count in &args.sizes {
@@ -176,13 +187,13 @@ fn measure(args: &BenchArgs, ui: &Ui) -> Result<Vec<Row>, BenchError> {
         });
         let mut prepared = Vec::new();
         for bed in beds {
-            let ready = bed.prepared(cache.as_deref(), ui)?;
+            let ready = bed.prepared(cache.as_deref(), backend, ui)?;
             prepared.push((Row::new(bed, &ready, args.steps), ready));
         }
         for repeat in 1..=args.repeat {
             for (row, ready) in &mut prepared {
                 ui.note(&format!("timing the {}: {repeat} of {}", row.bed, args.repeat));
-                row.time(ready, args.ledger)?;
+                row.time(ready, args.ledger, backend)?;
             }
         }
         rows.extend(prepared.into_iter().map(|(row, _)| row));

@@ -9,9 +9,10 @@ use super::drum::FROUDE;
 use super::grading::BedKind;
 use super::timing::Row;
 use super::{BenchArgs, BenchError};
+use crate::device::processor;
 use crate::validate::power_law;
 
-pub fn json(rows: &[Row], args: &BenchArgs) -> Result<Value, BenchError> {
+pub fn json(rows: &[Row], args: &BenchArgs, device: &str) -> Result<Value, BenchError> {
     let mut beds = Vec::new();
     for r in rows {
         let [least, largest] = r.range();
@@ -58,7 +59,7 @@ pub fn json(rows: &[Row], args: &BenchArgs) -> Result<Value, BenchError> {
     Ok(json!({
         "version": env!("CARGO_PKG_VERSION"),
         "optimised": !cfg!(debug_assertions),
-        "device": crate::run::device(),
+        "device": device,
         "processor": processor(),
         "threads": rayon::current_num_threads(),
         "settings": {
@@ -96,19 +97,14 @@ fn over_mono(rows: &[Row], r: &Row) -> Option<f64> {
     Some(r.time_per_contact_over(settled(rows, BedKind::Mono, r)?))
 }
 
-pub fn table(rows: &[Row], args: &BenchArgs) -> String {
+pub fn table(rows: &[Row], args: &BenchArgs, device: &str) -> String {
     let mut text = String::new();
     // Writing to a string does not fail.
     let mut line = |l: std::fmt::Arguments<'_>| {
         let _ = writeln!(text, "{l}");
     };
     let debug = if cfg!(debug_assertions) { ", a build with debug assertions" } else { "" };
-    line(format_args!(
-        "glebe {}{debug} on {}, {}",
-        env!("CARGO_PKG_VERSION"),
-        processor(),
-        crate::run::device()
-    ));
+    line(format_args!("glebe {}{debug} on {}, {}", env!("CARGO_PKG_VERSION"), processor(), device));
     let ledger = if args.ledger { "with" } else { "without" };
     line(format_args!(
         "{} steps, {} times, {ledger} energy ledger, a sample every {SAMPLE_STEPS} steps; rates in million \
@@ -176,12 +172,4 @@ fn exponents(rows: &[Row]) -> Vec<(BedKind, Mode, f64)> {
     });
     // One size, or the same twice, has no slope.
     fitted.filter(|fit| fit.2.is_finite()).collect()
-}
-
-/// The processor's name where the system tells it, else its architecture.
-fn processor() -> String {
-    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let named =
-        info.lines().find_map(|l| l.strip_prefix("model name")?.split_once(':').map(|(_, n)| n.trim()));
-    named.unwrap_or(std::env::consts::ARCH).to_owned()
 }

@@ -7,6 +7,7 @@ use glebe_engine::batch::{Batch, Status};
 
 use super::BenchError;
 use super::bed::{Bed, Blind, Prepared};
+use crate::device::admit;
 
 /// Stages of the bed's world after it is prepared.
 const WARM: usize = 1;
@@ -101,9 +102,10 @@ impl Row {
     }
 
     /// Times the bed once more, from the same state as ever.
-    pub fn time(&mut self, prepared: &Prepared, ledger: bool) -> Result<(), BenchError> {
+    pub fn time(&mut self, prepared: &Prepared, ledger: bool, backend: Backend) -> Result<(), BenchError> {
         let constants = self.bed.constants(self.steps, ledger)?;
-        let mut batch = Batch::from_states(vec![(constants, prepared.state.clone())], Backend::Cpu);
+        admit(backend, [&*constants])?;
+        let mut batch = Batch::from_states(vec![(constants, prepared.state.clone())], backend);
         through(&mut batch, WARM);
         let (rebuilds, phases) = (batch.progress(0).rebuilds, batch.times(0).rows());
         let began = Instant::now();

@@ -10,6 +10,7 @@ use glebe_io::scene::{BuiltScene, Scene};
 use serde_json::json;
 
 use super::{Ended, Problem, Ui};
+use crate::device::Device;
 
 /// Rate that run times are estimated with \[particle-steps/s per core\]: a settled bed with friction and
 /// energy ledger. Machines differ by a factor of two either way.
@@ -23,10 +24,14 @@ const BYTES: f64 = 700.0;
 Examples:
   glebe check field/scene.toml
   glebe check field/scene.toml --set material.soil.density=2000
+  glebe check field/scene.toml --device gpu
   glebe check field/scene.toml --json")]
 pub(super) struct Args {
     #[command(flatten)]
     pub scene: SceneArgs,
+    /// Where it is to compute: auto, cpu, gpu, gpu:N or cuda:N, as `glebe devices` lists them
+    #[arg(long, value_name = "DEVICE", default_value = "auto")]
+    device: Device,
 }
 
 /// The scene, for every verb that reads one.
@@ -72,6 +77,7 @@ pub(super) fn prepared(built: &BuiltScene) -> Result<(Arc<Constants>, State), Pr
 pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let (_, built) = args.scene.build(ui)?;
     let (constants, _) = prepared(&built)?;
+    let chosen = args.device.choose([&*constants])?;
     constants.warnings.iter().for_each(|w| ui.warn(w));
     let particles = constants.count;
     let triangles: usize = built.meshes.iter().map(|m| m.report.triangles).sum();
@@ -107,6 +113,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         "most_time_s": time,
         "most_steps": steps,
         "memory_bytes": bytes,
+        "device": chosen.backend.device(),
         "devices": [{ "name": "cpu", "threads": cores, "most_wall_s": seconds }],
         "warnings": warnings,
     });
@@ -119,7 +126,8 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
          step       {:.3e} s ({:.0} % of the Rayleigh time, 1/{:.0} of the shortest impact)\n\
          length     {}\n\
          memory     about {:.0} MB\n\
-         run time   {} on the CPU with {cores} threads",
+         run time   {} on the CPU with {cores} threads\n\
+         device     {}",
         args.scene.scene.display(),
         constants.boundaries.len(),
         stages.iter().map(|s| s.name.as_str()).collect::<Vec<_>>().join(", "),
@@ -132,6 +140,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         },
         (bytes / 1e6).max(1.0),
         seconds.map_or(unknown.to_owned(), |s| format!("at most about {}", duration(s))),
+        chosen.backend.device(),
     );
     ui.result(&value, &text);
     Ok(Ended::Done)

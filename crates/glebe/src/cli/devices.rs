@@ -1,10 +1,13 @@
 //! `glebe devices`: what can compute, and what cannot.
 
+use std::fmt::Write as _;
+
 use serde_json::json;
 
-use super::{Problem, Ui};
+use super::Ui;
+use crate::device::{Found, Listing};
 
-/// Shows what hardware can be used
+/// Shows what hardware can be used, what cannot and why, and how to get it
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -12,59 +15,44 @@ Examples:
   glebe devices --json")]
 pub(super) struct Args {}
 
-const NO_GPU: &str = "this build of glebe has no GPU backend";
-
-/// Where a run computes.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Device {
-    /// What is best on this machine.
-    Auto,
-    Cpu,
-    /// A GPU, by its number if one is named.
-    Gpu(Option<u32>),
-}
-
-impl std::str::FromStr for Device {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "auto" => Ok(Self::Auto),
-            "cpu" => Ok(Self::Cpu),
-            "gpu" => Ok(Self::Gpu(None)),
-            _ => text
-                .strip_prefix("gpu:")
-                .and_then(|n| n.parse().ok())
-                .map(|n| Self::Gpu(Some(n)))
-                .ok_or_else(|| "choose auto, cpu, gpu or gpu:NUMBER".to_owned()),
-        }
-    }
-}
-
-impl Device {
-    /// Chooses the CPU, the only backend of this build, or says why not.
-    pub(super) fn choose(&self, ui: &Ui) -> Result<(), Problem> {
-        match self {
-            Self::Cpu => Ok(()),
-            Self::Auto => {
-                ui.note(&format!("device: {} ({NO_GPU})", crate::run::device()));
-                Ok(())
-            }
-            Self::Gpu(_) => Err(Problem::Input(format!(
-                "--device gpu cannot be used: {NO_GPU}; give --device cpu, or auto to take what there is"
-            ))),
-        }
-    }
-}
-
 pub(super) fn run(ui: &Ui) {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let arch = std::env::consts::ARCH;
-    let value = json!({
-        "devices": [{ "name": "cpu", "kind": "cpu", "architecture": arch, "threads": cores, "usable": true }],
-        "auto": "cpu",
-        "unusable": [{ "name": "gpu", "reason": NO_GPU }],
-    });
-    let text = format!("cpu   {arch}, {cores} threads   used by --device auto\ngpu   not usable: {NO_GPU}");
-    ui.result(&value, &text);
+    let listing = Listing::look();
+    ui.result(&json!(listing), &told(&listing));
+}
+
+fn told(listing: &Listing) -> String {
+    let mut text = String::new();
+    for device in &listing.devices {
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "{:<8}{}", device.name, row(device, &listing.auto));
+    }
+    for missing in &listing.unavailable {
+        let _ = writeln!(
+            text,
+            "{:<8}not usable: {}\n        to get it: {}",
+            missing.what, missing.why, missing.remedy
+        );
+    }
+    text
+}
+
+fn row(device: &Found, auto: &str) -> String {
+    let size = |bytes: u64, what: &str| format!("{what}{:.1} GB", bytes as f64 / 1e9);
+    let use_of_it = match (device.usable, device.name == auto) {
+        (true, true) => "used by --device auto".to_owned(),
+        (true, false) => format!("used by --device {}", device.name),
+        (false, _) => "not usable".to_owned(),
+    };
+    let kind = (device.kind != "cpu").then(|| device.kind.to_owned());
+    let facts = [
+        Some(device.model.clone()),
+        kind,
+        device.threads.map(|threads| format!("{threads} threads")),
+        device.through.clone(),
+        device.memory_bytes.map(|bytes| size(bytes, "")),
+        device.largest_buffer_bytes.map(|bytes| size(bytes, "buffers up to ")),
+        Some(use_of_it),
+    ];
+    let facts = facts.into_iter().flatten().collect::<Vec<_>>().join(", ");
+    device.remark.as_ref().map_or(facts.clone(), |remark| format!("{facts}: {remark}"))
 }

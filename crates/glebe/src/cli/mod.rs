@@ -13,6 +13,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
+use crate::bench::BenchError;
 pub use ui::{Ended, Problem, Ui};
 
 /// Simulates granular matter with the Discrete Element Method: soil under tools, drums, silos.
@@ -60,6 +61,7 @@ Examples:
 
 /// Runs the program.
 pub fn main() -> ExitCode {
+    keep_order_of_devices();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => return usage(&error),
@@ -72,6 +74,7 @@ pub fn main() -> ExitCode {
         Verb::Validate(args) => validate(&args, &ui),
         Verb::Bench(args) => match crate::bench::run(&args, &ui) {
             Ok(()) => Ok(Ended::Done),
+            Err(BenchError::Device(why)) => Err(why.into()),
             Err(e) => Err(Problem::Failed(e.to_string())),
         },
         Verb::Devices(_) => {
@@ -90,6 +93,19 @@ pub fn main() -> ExitCode {
         }
     };
     ui.end(ended)
+}
+
+/// Keeps a layer of Mesa's from asking a display which device is its own: it would put that one first, and
+/// complain on standard error where there is no display.
+fn keep_order_of_devices() {
+    const LAYER: &str = "NODEVICE_SELECT";
+    if cfg!(target_os = "linux") && std::env::var_os(LAYER).is_none() {
+        // SAFETY: the program begins here, and no other thread is there to read the environment.
+        #[allow(unsafe_code)]
+        unsafe {
+            std::env::set_var(LAYER, "1");
+        }
+    }
 }
 
 fn validate(args: &crate::validate::ValidateArgs, ui: &Ui) -> Result<Ended, Problem> {

@@ -10,9 +10,9 @@ use serde_json::json;
 
 use super::bar::{Watch, catch_interrupts, interrupted};
 use super::check::{SceneArgs, duration, prepared};
-use super::devices::Device;
 use super::ui::shell_word;
 use super::{Ended, Problem, Ui};
+use crate::device::Device;
 use crate::run::{Existing, Settings, default_bed_folder};
 
 /// Runs a scene and writes its results into a folder
@@ -21,6 +21,7 @@ use crate::run::{Existing, Settings, default_bed_folder};
 Examples:
   glebe run field/scene.toml
   glebe run field/scene.toml --out fast --set stage.till.move.sweep.velocity=[1.5,0,0]
+  glebe run field/scene.toml --device gpu:1     on the second graphics processor
   glebe run field/scene.toml --resume           after Ctrl-C, a crash or a full disk
   glebe run field/scene.toml --force --profile  again, with the share of time per phase")]
 pub(super) struct Args {
@@ -29,8 +30,8 @@ pub(super) struct Args {
     /// Output folder [default: `out` beside the scene]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Where to compute: auto, cpu or gpu
-    #[arg(long, default_value = "auto")]
+    /// Where to compute: auto, cpu, gpu, gpu:N or cuda:N, as `glebe devices` lists them
+    #[arg(long, value_name = "DEVICE", default_value = "auto")]
     device: Device,
     /// Threads to use [default: all]; results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
@@ -65,15 +66,17 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
             .map_err(|e| Problem::Failed(format!("{threads} threads cannot be started: {e}")))?;
     }
     let (scene, built) = args.scene.build(ui)?;
-    args.device.choose(ui)?;
     // Its errors point into the scene, which those of the run itself cannot.
-    prepared(&built)?;
+    let (constants, _) = prepared(&built)?;
+    let chosen = args.device.choose([&*constants])?;
+    chosen.note.iter().for_each(|line| ui.note(line));
     let out = args.out.clone().unwrap_or_else(|| args.scene.folder().join("out"));
     if interrupted() {
         ui.note("interrupted before the first step; nothing was written");
         return Ok(Ended::Interrupted);
     }
     let settings = Settings {
+        backend: chosen.backend,
         existing: match (args.resume, args.force) {
             (true, _) => Existing::Resume,
             (_, true) => Existing::Replace,

@@ -2,7 +2,7 @@
 //!
 //! The leading stages are those before the first that inserts, withdraws or moves a surface. Surfaces that
 //! are absent in them ("dormant") cannot touch the bed, so they are no part of its key: another tool finds
-//! the same bed. Bits depend on the program that made them, so the program is part of the key.
+//! the same bed. Bits depend on the program and the device that made them, so both are part of the key.
 
 use std::collections::BTreeSet;
 use std::env;
@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use glebe_engine::Constants;
+use glebe_engine::backend::Backend;
 use glebe_engine::spec::{Action, Motion, Stage, WorldSpec};
 use glebe_engine::state::{MeasureState, State, SurfaceState};
 use glebe_io::checkpoint::{self, CheckpointError, Header};
@@ -44,7 +45,7 @@ pub fn default_folder() -> Option<PathBuf> {
 
 impl Bed {
     /// The bed of a prepared world, or none if it does not begin with stages worth keeping.
-    pub(super) fn of(constants: &Constants, fresh: &State, folder: &Path) -> Option<Self> {
+    pub(super) fn of(constants: &Constants, fresh: &State, backend: Backend, folder: &Path) -> Option<Self> {
         let spec = &constants.spec;
         let touched = |s: &Stage| {
             !s.moves.is_empty()
@@ -59,10 +60,13 @@ impl Bed {
             .map(|(i, s)| s.absent && s.motion.is_fixed() && !measured.contains(&i))
             .collect();
         let program = fs::read(env::current_exe().ok()?).ok()?;
+        // Any number of threads gives the same bits.
+        let device = if backend == Backend::Cpu { backend.name().to_owned() } else { backend.device() };
         let particles = State { particles: fresh.particles.clone(), ..State::default() };
         let key = Digest::default()
             .debug(&env!("CARGO_PKG_VERSION"))
             .bytes(&program)
+            .debug(&device)
             .debug(&leading(spec, stages, &dormant))
             .debug(&constants.dt)
             .debug(&particles.hash())

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use glebe_engine::backend::Backend;
+use glebe_engine::backend::{Backend, Unavailable};
 use glebe_engine::batch::{Batch, Status};
 use glebe_engine::spec::{Component, Measure, WorldSpec};
 use glebe_engine::state::{MeasureState, Progress, StageResult, State};
@@ -24,12 +24,15 @@ pub use beds::default_folder as default_bed_folder;
 use self::beds::Bed;
 use self::plots::Furrows;
 use self::recorder::Recorder;
+use crate::device::admit;
 
 /// How a run is to be done.
 #[derive(Clone, Debug)]
 pub struct Settings {
     /// The output folder.
     pub out: PathBuf,
+    /// What computes.
+    pub backend: Backend,
     /// What is done with results that are there.
     pub existing: Existing,
     /// Where settled beds are kept; none to keep none.
@@ -43,10 +46,11 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// A new run into the folder `out`, with a checkpoint each minute and no kept beds.
+    /// A new run on the CPU into the folder `out`, with a checkpoint each minute and no kept beds.
     pub fn new(out: impl Into<PathBuf>) -> Self {
         Self {
             out: out.into(),
+            backend: Backend::Cpu,
             existing: Existing::Refuse,
             beds: None,
             checkpoint_every: Duration::from_secs(60),
@@ -109,6 +113,9 @@ pub enum RunError {
     /// The world cannot be set up.
     #[error(transparent)]
     Setup(#[from] SetupError),
+    /// The backend cannot run the world.
+    #[error(transparent)]
+    Device(#[from] Unavailable),
     /// The output folder cannot be used, or writing failed.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -129,7 +136,7 @@ impl RunError {
     /// Whether what was given is at fault, rather than what happened after the start.
     pub fn is_input(&self) -> bool {
         match self {
-            Self::Setup(_) | Self::State { .. } => true,
+            Self::Setup(_) | Self::Device(_) | Self::State { .. } => true,
             Self::Output(e) => matches!(
                 e,
                 OutputError::NotEmpty { .. }
@@ -146,9 +153,10 @@ impl RunError {
 /// A world that fails is no error here: its summary says so.
 ///
 /// # Errors
-/// A world that cannot be set up, a folder that cannot be used, a checkpoint of another scene, a full disk.
+/// A world that cannot be set up or that the backend cannot run, a folder that cannot be used, a checkpoint of another scene, a full disk.
 pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -> Result<Summary, RunError> {
     let (constants, fresh) = prepare(world)?;
+    admit(settings.backend, [&*constants])?;
     let scene_hash = digest::scene_hash(&constants, &fresh);
     for warning in &constants.warnings {
         listener.warn(warning);
@@ -196,7 +204,8 @@ pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -
     let mut state = state;
     let mut bed = None;
     if after.is_none() {
-        bed = settings.beds.as_deref().and_then(|folder| Bed::of(&constants, &state, folder));
+        bed =
+            settings.beds.as_deref().and_then(|folder| Bed::of(&constants, &state, settings.backend, folder));
         if let Some((kept, stages)) = bed.as_ref().and_then(|b| Some((b.load(&constants)?, b.stages))) {
             state = kept;
             bed = None;
@@ -214,7 +223,7 @@ pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -
         recorder: Recorder::new(&dir, &constants, counts)?,
         checkpoints: CheckpointWriter::new(&dir.checkpoints(), after.as_ref().map(|c| c.path.as_path()))?,
         furrows: Furrows::default(),
-        batch: Batch::from_states(vec![(constants.clone(), state)], Backend::Cpu),
+        batch: Batch::from_states(vec![(constants.clone(), state)], settings.backend),
         constants,
         scene_hash,
         dir,
@@ -354,7 +363,7 @@ impl Run {
                 scene_hash: self.scene_hash.clone(),
                 seed: c.spec.seed,
             },
-            device: device(),
+            device: self.batch.backend().device(),
             state_hash: self.batch.state(0).hash(),
             particles: summary::Particles {
                 count: self.batch.particles(0) as u64,
@@ -372,11 +381,6 @@ impl Run {
             notes,
         }
     }
-}
-
-/// What computes, for people.
-pub fn device() -> String {
-    format!("{} ({} threads)", Backend::Cpu.name(), rayon::current_num_threads())
 }
 
 fn lost(l: &glebe_engine::state::Lost) -> summary::Lost {

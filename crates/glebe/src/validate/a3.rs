@@ -8,6 +8,7 @@
 //! before. Errors are root mean squares over phases, the parts of a step that are left when the sphere
 //! touches.
 
+use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Sample, Status};
 use glebe_engine::spec::WorldSpec;
 use glebe_physics::{IntegratorKind, hertz_collision_time};
@@ -32,14 +33,14 @@ const STEPS: [(&str, f64); 5] =
 /// Part of the series that "left" is a mean over \[s\].
 const END: f64 = 0.1;
 
-fn run(_: Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial) -> Result<Findings, CaseError> {
     let mut found = Findings::default();
-    depositions(&mut found)?;
-    convergence(&mut found)?;
+    depositions(&mut found, trial.backend)?;
+    convergence(&mut found, trial.backend)?;
     Ok(found)
 }
 
-fn depositions(found: &mut Findings) -> Result<(), CaseError> {
+fn depositions(found: &mut Findings, backend: Backend) -> Result<(), CaseError> {
     let mut names: Vec<String> = Vec::new();
     let mut worlds = Vec::new();
     for (name, step) in STEPS {
@@ -50,7 +51,7 @@ fn depositions(found: &mut Findings) -> Result<(), CaseError> {
         names.push(kind.name().to_owned());
         worlds.push(DEPOSITION.world(&[format!("time.integrator={}", kind.name())])?);
     }
-    let done = run_to_end(worlds)?;
+    let done = run_to_end(worlds, backend)?;
     let left: Vec<f64> = done.series.iter().map(|series| left_of_peak(series)).collect();
     let failed = |w: usize| matches!(done.batch.status(w), Status::Failed(_));
 
@@ -118,12 +119,14 @@ const PHASES: usize = 16;
 /// Speed before the impact \[m/s\].
 const SPEED: f64 = 1.0;
 
-fn convergence(found: &mut Findings) -> Result<(), CaseError> {
+fn convergence(found: &mut Findings, backend: Backend) -> Result<(), CaseError> {
     let mut curves = Vec::new();
     for (label, e) in [("elastic", 1.0), ("damped", 0.5)] {
         for kind in IntegratorKind::ALL {
-            let errors =
-                RESOLUTIONS.map(|n| rebound_error(kind, e, n)).into_iter().collect::<Result<Vec<_>, _>>()?;
+            let errors = RESOLUTIONS
+                .map(|n| rebound_error(kind, e, n, backend))
+                .into_iter()
+                .collect::<Result<Vec<_>, _>>()?;
             // Errors fall as steps per collision grow: the order is minus the slope.
             let order = -power_law(&RESOLUTIONS, &errors);
             let name = format!("{label}_{}_order", kind.name());
@@ -154,7 +157,7 @@ fn convergence(found: &mut Findings) -> Result<(), CaseError> {
 }
 
 /// Root mean square over phases of the error of the rebound speed, relative to the speed before.
-fn rebound_error(kind: IntegratorKind, e: f64, resolution: f64) -> Result<f64, CaseError> {
+fn rebound_error(kind: IntegratorKind, e: f64, resolution: f64, backend: Backend) -> Result<f64, CaseError> {
     let plain = IMPACT.world(&[])?;
     let collision = collision_time(&plain);
     let step = collision / resolution;
@@ -172,7 +175,7 @@ fn rebound_error(kind: IntegratorKind, e: f64, resolution: f64) -> Result<f64, C
             world
         })
         .collect();
-    let done = run_to_end(worlds)?.all_done()?;
+    let done = run_to_end(worlds, backend)?.all_done()?;
     let square = |w: usize| {
         let v = f64::from(done.batch.state(w).particles.velocity[0].v[2]);
         (v / SPEED - e).powi(2)

@@ -40,7 +40,7 @@ struct Impact {
     spin: f64,
 }
 
-fn run(_: Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial) -> Result<Findings, CaseError> {
     let mut angles = Vec::new();
     let mut worlds = Vec::new();
     let mut angle = 5.0;
@@ -51,7 +51,7 @@ fn run(_: Trial) -> Result<Findings, CaseError> {
     }
     let friction = worlds[0].materials[0].friction;
     let prescribed = worlds[0].materials[0].restitution;
-    let done = run_to_end(worlds)?.all_done()?;
+    let done = run_to_end(worlds, trial.backend)?.all_done()?;
     let impacts: Vec<Impact> = angles
         .iter()
         .enumerate()

@@ -24,6 +24,7 @@ use glebe_report::{Axis, Plot, Series, Style};
 
 use super::case::{Case, CaseError, Findings};
 use super::trial::{Record, SceneFile, Trial, scene_file};
+use crate::device::admit;
 
 pub(super) const CASE: Case = Case {
     id: "B10",
@@ -37,13 +38,13 @@ const SCENE: SceneFile = scene_file!("B10-restart/scene.toml");
 /// Step after which one run forgets contact history.
 const FORGET_AT: u64 = 250;
 
-fn run(_: Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial) -> Result<Findings, CaseError> {
     let mut found = Findings::default();
     let folder = Folder::new()?;
     let mut curves = Vec::new();
     for kind in IntegratorKind::ALL {
         let world = SCENE.world(&[format!("time.integrator={}", kind.name())])?;
-        let together = side_by_side(world, &folder.0.join("state.glebe"))?;
+        let together = side_by_side(world, trial.backend, &folder.0.join("state.glebe"))?;
         let name = kind.name();
         found.zero(format!("{name}_steps_that_differ"), together.differing as f64);
         found.report(format!("{name}_steps_compared"), together.steps as f64);
@@ -72,9 +73,10 @@ struct Together {
     forgetful: Vec<f64>,
 }
 
-fn side_by_side(world: WorldSpec, file: &Path) -> Result<Together, CaseError> {
+fn side_by_side(world: WorldSpec, backend: Backend, file: &Path) -> Result<Together, CaseError> {
     let (constants, fresh) = prepare(world)?;
-    let take_up = |state: State| Batch::from_states(vec![(constants.clone(), state)], Backend::Cpu);
+    admit(backend, [&*constants])?;
+    let take_up = |state: State| Batch::from_states(vec![(constants.clone(), state)], backend);
     let mut stored = fresh.clone();
     let mut whole = take_up(fresh);
     let mut without: Option<Batch> = None;

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use glebe_engine::backend::Unavailable;
 use glebe_engine::batch::Status;
 use glebe_engine::{BytesError, SetupError};
 use glebe_io::checkpoint::CheckpointError;
@@ -32,6 +33,9 @@ pub enum CaseError {
     /// The engine refuses a world.
     #[error(transparent)]
     Setup(#[from] SetupError),
+    /// The device cannot run a world.
+    #[error(transparent)]
+    Device(#[from] Unavailable),
     /// A world was stopped.
     #[error("`{title}` {how}")]
     Stopped {

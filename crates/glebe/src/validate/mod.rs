@@ -20,9 +20,11 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::builder::{PossibleValue, PossibleValuesParser};
+use glebe_engine::backend::{Backend, Unavailable};
 use glebe_io::output::OutputError;
 
 use crate::cli::Ui;
+use crate::device::Device;
 pub use case::{Case, CaseError, Findings, Metric, Outcome};
 use trial::Trial;
 pub(crate) use trial::power_law;
@@ -43,7 +45,7 @@ Examples:
   glebe validate A1 oblique-impact --out figures
   glebe validate --quick --json
 
-Exit codes: 0 all passed, 1 a case failed, 2 no such case.")]
+Exit codes: 0 all passed, 1 a case failed, 2 no such case or device.")]
 pub struct ValidateArgs {
     /// Cases by id or name; all if none is named
     #[arg(value_name = "NAME", value_parser = names(), ignore_case = true, hide_possible_values = true)]
@@ -54,6 +56,9 @@ pub struct ValidateArgs {
     /// Folder for figures and results.json; those of an earlier validation in it are replaced
     #[arg(long, value_name = "DIR", default_value = "validation-results")]
     pub out: PathBuf,
+    /// Where to compute: auto, cpu, gpu, gpu:N or cuda:N, as `glebe devices` lists them
+    #[arg(long, value_name = "DEVICE", default_value = "auto")]
+    pub device: Device,
     /// Threads to use [default: all]; results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub threads: Option<u16>,
@@ -84,6 +89,9 @@ pub enum ValidateError {
         /// Why.
         source: CaseError,
     },
+    /// The device is not there.
+    #[error(transparent)]
+    Device(#[from] Unavailable),
     /// Results could not be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -96,7 +104,7 @@ impl ValidateError {
     /// 2 if what was asked for is wrong, 1 if running it failed.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Unknown { .. } | Self::Output(OutputError::Malformed { .. }) => 2,
+            Self::Unknown { .. } | Self::Device(_) | Self::Output(OutputError::Malformed { .. }) => 2,
             _ => 1,
         }
     }
@@ -107,36 +115,39 @@ impl ValidateError {
 /// Returns whether all passed; `glebe validate` then exits with 0, else with 1.
 ///
 /// # Errors
-/// An unknown case; a scene that cannot be built or run; results that cannot be written.
+/// An unknown case; a device that is not there; a scene that cannot be built or run; results that cannot be written.
 pub fn run(args: &ValidateArgs, ui: &Ui) -> Result<bool, ValidateError> {
-    let chosen = select(&args.names)?;
-    output::claim(&args.out, &chosen)?;
+    let cases = select(&args.names)?;
     let threads = args.threads.map_or(0, usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let chosen = pool.install(|| args.device.choose([]))?;
+    chosen.note.iter().for_each(|line| ui.note(line));
+    let device = pool.install(|| chosen.backend.device());
+    output::claim(&args.out, &cases)?;
     let mut outcomes = Vec::new();
-    for case in chosen {
+    for case in cases {
         ui.note(&format!("running {} {}", case.id, case.name));
-        let outcome = pool.install(|| evaluate(case, args.quick))?;
+        let outcome = pool.install(|| evaluate(case, args.quick, chosen.backend))?;
         output::write_figures(&args.out, &outcome)?;
         if !ui.json() {
             ui.print(&output::table(&outcome, &args.out));
         }
         outcomes.push(outcome);
     }
-    let value = output::json(&outcomes, args.quick);
+    let value = output::json(&outcomes, args.quick, &device);
     output::write_results(&args.out, &value)?;
     ui.result(&value, &output::verdict_of(&outcomes));
     Ok(outcomes.iter().all(Outcome::passed))
 }
 
-/// Runs one case, in its quick or full size, on the threads of the current pool.
+/// Runs one case, in its quick or full size, on a backend and the threads of the current pool.
 ///
 /// # Errors
 /// [`ValidateError::Case`] if its scene cannot be built or run.
-pub fn evaluate(case: &'static Case, quick: bool) -> Result<Outcome, ValidateError> {
+pub fn evaluate(case: &'static Case, quick: bool, backend: Backend) -> Result<Outcome, ValidateError> {
     let began = Instant::now();
     let findings =
-        (case.run)(Trial { quick }).map_err(|source| ValidateError::Case { id: case.id, source })?;
+        (case.run)(Trial { quick, backend }).map_err(|source| ValidateError::Case { id: case.id, source })?;
     Ok(Outcome { case, findings, seconds: began.elapsed().as_secs_f64() })
 }
 

@@ -57,7 +57,7 @@ pub fn write_results(folder: &Path, json: &Value) -> Result<(), OutputError> {
 }
 
 /// `{"cases": [{"id", "name", "pass", "metrics": {name: {"value", "reference", "tolerance"}}, …}]}`
-pub fn json(outcomes: &[Outcome], quick: bool) -> Value {
+pub fn json(outcomes: &[Outcome], quick: bool, device: &str) -> Value {
     let case = |o: &Outcome| -> Value {
         json!({
             "id": o.case.id,
@@ -68,7 +68,7 @@ pub fn json(outcomes: &[Outcome], quick: bool) -> Value {
             "seconds": o.seconds,
         })
     };
-    json!({ "cases": outcomes.iter().map(case).collect::<Vec<_>>(), "quick": quick })
+    json!({ "cases": outcomes.iter().map(case).collect::<Vec<_>>(), "quick": quick, "device": device })
 }
 
 /// One case as a table.

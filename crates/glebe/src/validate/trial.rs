@@ -6,17 +6,21 @@ use std::path::Path;
 
 use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status};
+use glebe_engine::prepare;
 use glebe_engine::spec::WorldSpec;
 use glebe_engine::state::StageResult;
 use glebe_io::scene::{Scene, SceneError};
 
 use super::case::CaseError;
+use crate::device::admit;
 
 /// How a case is run.
 #[derive(Clone, Copy, Debug)]
 pub struct Trial {
     /// In its quick size.
     pub quick: bool,
+    /// What computes.
+    pub backend: Backend,
 }
 
 /// A scene file of a case, as it is in `validation/`.
@@ -62,10 +66,12 @@ pub struct Finished {
     pub series: Vec<Vec<Sample>>,
 }
 
-/// Runs worlds until each is done or has failed.
-pub fn run_to_end(worlds: Vec<WorldSpec>) -> Result<Finished, CaseError> {
+/// Runs worlds on a backend until each is done or has failed.
+pub fn run_to_end(worlds: Vec<WorldSpec>, backend: Backend) -> Result<Finished, CaseError> {
     let mut record = Record { series: vec![Vec::new(); worlds.len()] };
-    let mut batch = Batch::new(worlds, Backend::Cpu).map_err(|(_, error)| error)?;
+    let worlds = worlds.into_iter().map(prepare).collect::<Result<Vec<_>, _>>()?;
+    admit(backend, worlds.iter().map(|(constants, _)| &**constants))?;
+    let mut batch = Batch::from_states(worlds, backend);
     while batch.running() {
         let Ok(()) = batch.advance(&mut record);
     }
