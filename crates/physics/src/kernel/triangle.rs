@@ -71,7 +71,7 @@ pub fn closest_to_origin(a: V3, b: V3, c: V3) -> Closest {
 }
 
 /// The face's own foot of the origin, exact to rounding of the plane's distance: `n (n·a)` with n the unit
-/// normal of (a, b, c). For a point inside the face it equals [`closest_to_origin`], but its length does
+/// normal of (a, b, c). For a point inside the face it equals [`closest_to_origin()`], but its length does
 /// not suffer from weights that were rounded.
 #[cfg_attr(feature = "gpu", cube)]
 #[inline]

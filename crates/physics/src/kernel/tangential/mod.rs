@@ -91,7 +91,7 @@ pub fn carried(stretch: V3, n: V3, twist: f32) -> V3 {
 
 /// One step of the tangential spring.
 ///
-/// `stretch` has been [`carried`]; `vt` \[m/s\] is the tangential velocity of i relative to j; `fn_`
+/// `stretch` has been [`carried()`]; `vt` \[m/s\] is the tangential velocity of i relative to j; `fn_`
 /// \[N\] is the normal force that friction acts on, without cohesion.
 ///
 /// The *total* force is capped at `μ max(Fₙ, 0)`, and the spring alone clipped to it (CHRONO). "Spring
