@@ -56,7 +56,6 @@ macro_rules! backend_suite {
                 laws::force_is_the_slope_of_energy,
                 laws::a_contact_that_turns_keeps_its_force,
                 friction::a_sphere_slides_until_it_rolls,
-                friction::rolling_resistance_stops_a_sphere,
                 friction::a_block_slides_and_sticks,
                 floor::a_floor_of_one_period_is_a_plane,
                 floor::concave_corners_act_on_each_side,
@@ -87,6 +86,7 @@ macro_rules! backend_suite {
                 floor::a_convex_edge_acts_once,
                 convergence::orders_of_the_integrators,
                 energy::the_ledger_closes,
+                friction::rolling_resistance_stops_a_sphere,
                 reach::what_does_not_touch_does_not_press,
             }
         }
