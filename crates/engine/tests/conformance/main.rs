@@ -54,7 +54,6 @@ macro_rules! backend_suite {
                 frames::a_translation_changes_nothing,
                 frames::a_sheared_cell_changes_nothing,
                 laws::force_is_the_slope_of_energy,
-                laws::a_contact_that_turns_keeps_its_force,
                 friction::a_sphere_slides_until_it_rolls,
                 friction::a_block_slides_and_sticks,
                 floor::a_floor_of_one_period_is_a_plane,
@@ -79,6 +78,7 @@ macro_rules! backend_suite {
             // Many laws, or many steps.
             tests! { $subject, $slow;
                 laws::a_contact_is_born_without_memory,
+                laws::a_contact_that_turns_keeps_its_force,
                 laws::dissipation_is_not_negative,
                 restitution::restitution_equals_e,
                 friction::total_force_stays_below_the_cap,
