@@ -186,6 +186,10 @@ impl Batch {
     pub fn state(&self, world: usize) -> State {
         self.fleet.state(world, &self.worlds[world].progress)
     }
+    /// Why what was last read of a world may be wrong, if its backend failed.
+    pub fn fault(&self, world: usize) -> Option<Failure> {
+        self.fleet.fault(world, &self.worlds[world].progress)
+    }
     /// Time spent in a world's phases.
     pub fn times(&self, world: usize) -> PhaseTimes {
         self.fleet.times(world)
@@ -200,7 +204,8 @@ impl Batch {
     }
     /// Coordination, network and triangle forces of a world now.
     pub fn detail(&mut self, world: usize) -> Detail {
-        self.fleet.detail(world, &self.worlds[world].progress)
+        let state = self.state(world);
+        self.fleet.detail(world, &state)
     }
 
     /// Advances every running world to its next sample or stage end, and reports.
@@ -229,8 +234,21 @@ impl Batch {
         Ok(())
     }
 
+    /// Stops a world whose backend can no longer be trusted, before what was read of it is reported.
+    fn fails(&mut self, w: usize) -> bool {
+        let fault = self.fault(w);
+        let failed = fault.is_some();
+        if let Some(failure) = fault {
+            self.worlds[w].status = Status::Failed(failure);
+        }
+        failed
+    }
+
     fn sample<O: Observer>(&mut self, w: usize, observer: &mut O) -> Result<(), O::Error> {
         let moment = self.fleet.observe(w, &self.worlds[w].progress);
+        if self.fails(w) {
+            return Ok(());
+        }
         let world = &mut self.worlds[w];
         world.particles = world.constants.count_now(&world.progress);
         let sample = world.sample(&moment);
@@ -240,6 +258,9 @@ impl Batch {
             self.frame(w, observer)?;
         }
         let world = &mut self.worlds[w];
+        if world.status != Status::Running {
+            return Ok(());
+        }
         if let Some(ended_by) = world.stage_end(moment.kinetic()) {
             self.end_stage(w, ended_by, observer)?;
         }
@@ -247,8 +268,11 @@ impl Batch {
     }
 
     fn frame<O: Observer>(&mut self, w: usize, observer: &mut O) -> Result<(), O::Error> {
-        let detail = self.detail(w);
         let state = self.state(w);
+        let detail = self.fleet.detail(w, &state);
+        if self.fails(w) {
+            return Ok(());
+        }
         let world = &mut self.worlds[w];
         world.progress.frames += 1;
         let positions = positions(&world.constants, &state);
@@ -269,6 +293,9 @@ impl Batch {
         let c = self.worlds[w].constants.clone();
         if self.worlds[w].progress.step == 0 && self.worlds[w].progress.samples == 0 {
             let moment = self.fleet.observe(w, &self.worlds[w].progress);
+            if self.fails(w) {
+                return Ok(());
+            }
             let world = &mut self.worlds[w];
             world.progress.ledger.initial =
                 moment.kinetic() + moment.potential + moment.elastic_normal + moment.elastic_tangential;

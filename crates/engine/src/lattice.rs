@@ -95,6 +95,15 @@ impl Lattice {
 
     /// Encodes a position \[m\].
     pub fn encode(&self, x: Vec3) -> Encoded {
+        let mut e = self.encode_beside(x);
+        for k in 0..3 {
+            e.hi[k] = self.wrapped(k, i64::from(e.hi[k]));
+        }
+        e
+    }
+
+    /// Encodes a position \[m\] that may be periods away from the cell, and stays there.
+    pub fn encode_beside(&self, x: Vec3) -> Encoded {
         let d = sub(x, self.origin);
         let mut e = Encoded::default();
         for k in 0..3 {
@@ -105,7 +114,7 @@ impl Lattice {
             e.rest[k] = (units - whole) as f32;
             whole -= hi * UNITS;
             e.lo[k] = whole as u64 as u32;
-            e.hi[k] = self.wrapped(k, hi as i64);
+            e.hi[k] = hi as i32;
         }
         e
     }

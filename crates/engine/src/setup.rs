@@ -20,6 +20,14 @@ pub const SKIN_MAX: f64 = 1.0;
 pub const MEMORY: usize = 8;
 /// Smallest skin as a share of the mean radius: below it rebuilds cost more than candidates.
 pub const SKIN_MIN: f64 = 0.04;
+/// A rebuild fewer steps than this after the last one widens the skin by [`SKIN_WIDER`].
+pub const REBUILT_SOON: u64 = 12;
+/// A rebuild more steps than this after the last one narrows the skin by [`SKIN_NARROWER`].
+pub const REBUILT_LATE: u64 = 40;
+/// See [`REBUILT_SOON`].
+pub const SKIN_WIDER: f64 = 1.25;
+/// See [`REBUILT_LATE`].
+pub const SKIN_NARROWER: f64 = 0.8;
 /// Skin that a world starts with, as a share of the mean radius.
 pub const SKIN_START: f64 = 0.3;
 /// Most particle sizes a list level spans: radii within a level differ at most by this factor.
@@ -117,6 +125,10 @@ impl Constants {
         let l = &self.lattice;
         let units = mul(&l.inverse, d);
         [0, 1, 2].map(|k| if l.periodic[k] { units[k] / (f64::from(l.windows[k]) * UNITS) } else { 0.0 })
+    }
+    /// A distance \[m\] across an axis, in periods.
+    pub fn periods_high(&self, axis: usize, distance: f64) -> f64 {
+        distance / (self.lattice.height[axis] * f64::from(self.lattice.windows[axis]))
     }
     /// What gravity does on a unit of mass over a period of each axis, 0 along axes that do not wrap \[J/kg\]: so
     /// much potential energy a particle gains at once that falls through a seam, as the work of the seam.

@@ -140,10 +140,15 @@ pub struct SurfaceState {
 impl SurfaceState {
     /// Where surface `s` stands at the step of `g`; an absent one waits where it was.
     pub fn placed(&self, c: &Constants, s: usize, g: &Progress) -> Placed {
+        self.placed_at(c, s, g.stage, g.step)
+    }
+
+    /// Where surface `s` stands at a step of a stage.
+    pub fn placed_at(&self, c: &Constants, s: usize, stage: usize, step: u64) -> Placed {
         if !self.present {
             return Placed { pose: self.base, ..Placed::default() };
         }
-        c.motion(s, g.stage).at(&self.base, (g.step - self.since) as f64 * c.dt)
+        c.motion(s, stage).at(&self.base, (step - self.since) as f64 * c.dt)
     }
 }
 

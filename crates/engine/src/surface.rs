@@ -272,6 +272,16 @@ impl Span {
         self.max[axis] - self.min[axis]
     }
 
+    /// The images of particles anywhere in the cell that come within `reach` \[m\] of the box along an axis, lowest
+    /// and highest; none but 0 where it does not wrap.
+    pub fn all_images(&self, c: &Constants, axis: usize, reach: f64) -> [i32; 2] {
+        if !c.lattice.periodic[axis] {
+            return [0; 2];
+        }
+        let reach = c.periods_high(axis, reach);
+        [(self.min[axis] - reach).floor() as i32, (self.max[axis] + reach).floor() as i32]
+    }
+
     /// The images of a particle at `x` that come within `reach` \[m\] of the box, in periods along each axis:
     /// however far the mesh has moved, and however many periods it is long.
     pub fn images(&self, c: &Constants, x: Vec3, reach: f64) -> impl Iterator<Item = [i32; 3]> + use<> {
@@ -280,7 +290,7 @@ impl Span {
             if !c.lattice.periodic[k] {
                 return 0..=0;
             }
-            let reach = reach / (c.lattice.height[k] * f64::from(c.lattice.windows[k]));
+            let reach = c.periods_high(k, reach);
             (self.min[k] - reach - at[k]).ceil() as i32..=(self.max[k] + reach - at[k]).floor() as i32
         });
         x.flat_map(move |a| {

@@ -3,8 +3,8 @@
 use crate::failure::Failure;
 use crate::lattice::{Lattice, dot, norm, sub};
 use crate::setup::{Boundary, BoundaryShape, Constants};
-use crate::spec::Vec3;
-use crate::state::{Lost, Progress};
+use crate::spec::{Pose, Vec3};
+use crate::state::{Lost, Particles, Progress};
 use crate::surface::{Placed, SurfacePoint, rotate, touch};
 
 /// A boundary as it stands in a step.
@@ -88,6 +88,19 @@ pub struct Portrait {
 }
 
 impl Portrait {
+    /// Of particle `i` in the order of storage.
+    pub fn of(c: &Constants, p: &Particles, i: usize) -> Self {
+        let (place, v, w) = (p.place[i], p.velocity[i], p.spin[i]);
+        Self {
+            id: p.id[i],
+            mass: 1.0 / f64::from(v.inv_mass),
+            radius: f64::from(place.radius),
+            x: c.lattice.decode(p.hi[i], place.lo, p.rest[i]),
+            v: v.v.map(f64::from),
+            w: w.w.map(f64::from),
+        }
+    }
+
     /// Energy of translation, rotation and gravity \[J\].
     pub fn energy(&self, c: &Constants) -> [f64; 3] {
         let x = sub(self.x, c.lattice.origin);
@@ -129,6 +142,28 @@ pub fn outside(l: &Lattice, hi: [i32; 3], lo: [u32; 3]) -> Option<[usize; 2]> {
         let u = Lattice::units(hi[k], lo[k]);
         (!(0..=l.extent[k]).contains(&u)).then_some([k, usize::from(u > 0)])
     })
+}
+
+/// Lists the particles outside the domain, in the order of their numbers; returns which ones stay.
+pub fn leavers(c: &Constants, p: &Particles, g: &mut Progress) -> Vec<bool> {
+    let sides: Vec<_> = (0..p.len()).map(|i| outside(&c.lattice, p.hi[i], p.place[i].lo)).collect();
+    let mut left: Vec<_> = (0..p.len()).filter_map(|i| Some((Portrait::of(c, p, i), sides[i]?))).collect();
+    left.sort_unstable_by_key(|(p, _)| p.id);
+    for (portrait, side) in left {
+        portrait.leave(c, side, g);
+    }
+    sides.iter().map(Option::is_none).collect()
+}
+
+/// How far a boundary moves at most from one pose to another \[m\]: a rigid body strays most at a corner of its box; a
+/// plane at a corner of the domain, to which its part of the world is confined.
+pub fn strays(c: &Constants, boundary: &Boundary, from: &Pose, to: &Pose) -> f64 {
+    let corners = match &boundary.shape {
+        BoundaryShape::Mesh(_, bvh) => bvh.corners(),
+        BoundaryShape::Plane(_) => Some(c.spec.domain.corners().map(|x| from.inverse(x))),
+    };
+    let moved = |x: &Vec3| norm(sub(to.apply(*x), from.apply(*x)));
+    corners.iter().flatten().map(moved).fold(0.0, f64::max)
 }
 
 /// A name in messages.

@@ -42,12 +42,16 @@ pub trait Fleet: Send {
     fn advance(&mut self, jobs: &mut [Job<'_>]);
     /// Energies and contacts of a world's present configuration. Changes nothing.
     fn observe(&mut self, world: usize, progress: &Progress) -> Moment;
-    /// Coordination of every particle and the force on every triangle. Changes nothing.
-    fn detail(&mut self, world: usize, progress: &Progress) -> Detail;
+    /// Coordination of every particle and the force on every triangle in the present state of a world. Changes nothing.
+    fn detail(&mut self, world: usize, state: &State) -> Detail;
     /// The complete state of a world. A pure read: the run goes on as if it had not been taken.
     fn state(&self, world: usize, progress: &Progress) -> State;
     /// Replaces the state of a world.
     fn load(&mut self, world: usize, state: &mut State);
+    /// Why the backend can no longer be trusted, as the failure of a world; what was read of it last may be wrong.
+    fn fault(&self, _world: usize, _progress: &Progress) -> Option<Failure> {
+        None
+    }
     /// Time spent in a world's phases since it was loaded.
     fn times(&self, world: usize) -> PhaseTimes;
     /// Bytes of memory per particle of a world.
@@ -121,12 +125,17 @@ pub struct PhaseTimes {
     pub ledger: f64,
     /// Motion of surfaces.
     pub surfaces: f64,
+    /// All of these on a device, which takes steps without the host and does not tell them apart.
+    pub device: f64,
 }
 
 impl PhaseTimes {
-    /// Names and values, for tables.
-    pub fn rows(&self) -> [(&'static str, f64); 5] {
-        [
+    /// Names and values of what the backend tells apart, for tables.
+    pub fn rows(&self) -> Vec<(&'static str, f64)> {
+        if self.device > 0.0 {
+            return vec![("device", self.device)];
+        }
+        vec![
             ("lists", self.lists),
             ("forces", self.forces),
             ("integration", self.integration),

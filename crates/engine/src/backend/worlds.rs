@@ -54,8 +54,8 @@ impl<W: World> Fleet for Worlds<W> {
         self.0[world].observe(progress)
     }
 
-    fn detail(&mut self, world: usize, progress: &Progress) -> Detail {
-        self.0[world].detail(progress)
+    fn detail(&mut self, world: usize, state: &State) -> Detail {
+        self.0[world].detail(&state.progress)
     }
 
     fn state(&self, world: usize, progress: &Progress) -> State {

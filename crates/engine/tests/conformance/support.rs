@@ -88,27 +88,30 @@ pub struct Budget {
     pub tumblers: u32,
 }
 
+/// Of forces in f32.
+const SINGLE: Bounds = Bounds {
+    force: 3e-6,
+    torque: 3e-6,
+    distance: DISTANCE,
+    trajectory: Apart { place: 1e-6, velocity: 2e-4, spin: 2e-4 },
+    ledger: 1e-3,
+    frame: Apart { place: 2e-6, velocity: 2e-5, spin: 2e-4 },
+    triangulation: Apart { place: 2e-5, velocity: 1e-4, spin: 1e-4 },
+    momentum: 1e-6,
+    angular_momentum: 2e-6,
+    turn: 1e-4,
+    cap: 1e-5,
+    slope: 1e-4,
+    balance: 1e-4,
+    finest_impact: 200.0,
+};
+
 /// f32 after the overlap, threads and vectors.
 pub const CPU: Subject = Subject {
     backend: Backend::Cpu,
     exact_states: true,
     exact_reach: true,
-    bounds: Bounds {
-        force: 3e-6,
-        torque: 3e-6,
-        distance: DISTANCE,
-        trajectory: Apart { place: 1e-6, velocity: 2e-4, spin: 2e-4 },
-        ledger: 1e-3,
-        frame: Apart { place: 2e-6, velocity: 2e-5, spin: 2e-4 },
-        triangulation: Apart { place: 2e-5, velocity: 1e-4, spin: 1e-4 },
-        momentum: 1e-6,
-        angular_momentum: 2e-6,
-        turn: 1e-4,
-        cap: 1e-5,
-        slope: 1e-4,
-        balance: 1e-4,
-        finest_impact: 200.0,
-    },
+    bounds: SINGLE,
     budget: Budget { creep: 1_000_000, at_rest: 10_000, gas: 20_000, tumbling: 500, tumblers: 1500 },
 };
 
@@ -164,22 +167,7 @@ const fn on_device(backend: Backend) -> Subject {
         backend,
         exact_states: true,
         exact_reach: false,
-        bounds: Bounds {
-            force: 3e-6,
-            torque: 3e-6,
-            distance: DISTANCE,
-            trajectory: Apart { place: 1e-6, velocity: 2e-4, spin: 2e-4 },
-            ledger: 1e-3,
-            frame: Apart { place: 2e-6, velocity: 2e-5, spin: 2e-4 },
-            triangulation: Apart { place: 2e-5, velocity: 1e-4, spin: 1e-4 },
-            momentum: 1e-6,
-            angular_momentum: 2e-6,
-            turn: 2e-4,
-            cap: 1e-5,
-            slope: 1e-4,
-            balance: 1e-4,
-            finest_impact: 200.0,
-        },
+        bounds: Bounds { turn: 2e-4, ..SINGLE },
         budget: Budget { creep: 20_000, at_rest: 1_000, gas: 4_000, tumbling: 100, tumblers: 300 },
     }
 }
@@ -363,7 +351,8 @@ impl Run {
     }
 
     pub fn detail(&mut self) -> Detail {
-        self.fleet.detail(0, &self.g)
+        let state = self.state();
+        self.fleet.detail(0, &state)
     }
 
     /// The particles by their numbers.

@@ -314,6 +314,10 @@ impl Run {
     fn checkpoint(&mut self) -> Result<(), RunError> {
         let start = Instant::now();
         let state = self.batch.state(0);
+        if self.batch.fault(0).is_some() {
+            // The last good one is worth more; the next step tells of the fault.
+            return Ok(());
+        }
         let (rows, frames) = self.recorder.counts()?;
         let header = Header {
             glebe_version: env!("CARGO_PKG_VERSION").to_owned(),

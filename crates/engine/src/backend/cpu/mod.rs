@@ -26,13 +26,15 @@ use self::integrate::{Columns, Contacts, Moved, Step, advance};
 use self::lanes::Pair;
 use self::list::{BLOCK, Block, Incoming, Memory, Pull};
 use super::common::{
-    Portrait, Standing, outside, overlap_failure, quoted, runaway_failure, too_deep, unload,
+    Portrait, Standing, leavers, overlap_failure, quoted, runaway_failure, strays, too_deep, unload,
 };
 use super::worlds::{World, Worlds};
 use super::{Detail, Moment, PhaseTimes};
 use crate::failure::Failure;
-use crate::lattice::{norm, sub};
-use crate::setup::{BoundaryShape, Constants, SKIN_MAX, SKIN_MIN};
+use crate::lattice::norm;
+use crate::setup::{
+    BoundaryShape, Constants, REBUILT_LATE, REBUILT_SOON, SKIN_MAX, SKIN_MIN, SKIN_NARROWER, SKIN_WIDER,
+};
 use crate::spec::Pose;
 use crate::state::{Particles, Progress, Spin, State, Velocity};
 
@@ -139,7 +141,7 @@ impl World for CpuWorld {
             .map(|b| {
                 let mut s = [0.0; 4];
                 for i in b * BLOCK..((b + 1) * BLOCK).min(self.p.len()) {
-                    let p = self.portrait(i);
+                    let p = Portrait::of(&self.c, &self.p, i);
                     let e = p.energy(&self.c);
                     (0..3).for_each(|k| s[k] += e[k]);
                     s[3] = f64::max(s[3], norm(p.v));
@@ -280,13 +282,13 @@ impl CpuWorld {
         let interval = g.step - g.rebuilt;
         // Fast flows need a wider reach, creeping ones waste it; the choice depends on this world alone.
         let mean = self.c.radius_mean;
-        if interval < 12 {
-            g.skin = (1.25 * g.skin).min(SKIN_MAX * mean);
-        } else if interval > 40 {
-            g.skin = (0.8 * g.skin).max(SKIN_MIN * mean);
+        if interval < REBUILT_SOON {
+            g.skin = (SKIN_WIDER * g.skin).min(SKIN_MAX * mean);
+        } else if interval > REBUILT_LATE {
+            g.skin = (SKIN_NARROWER * g.skin).max(SKIN_MIN * mean);
         }
         let mut old: Vec<u32> = (0..self.p.len() as u32).collect();
-        let keep = self.leavers(g);
+        let keep = leavers(&self.c, &self.p, g);
         if keep.contains(&false) {
             unload(g, self.springs(g, &keep));
             self.p.retain(&keep);
@@ -297,31 +299,6 @@ impl CpuWorld {
         let blocks = std::mem::take(&mut self.blocks);
         self.list(g, &Memory::Lists(&blocks, &old));
         self.times.lists += began.elapsed().as_secs_f64();
-    }
-
-    /// Lists the particles outside the domain; returns which ones stay.
-    fn leavers(&self, g: &mut Progress) -> Vec<bool> {
-        let side = |i: usize| outside(&self.c.lattice, self.p.hi[i], self.p.place[i].lo);
-        let sides: Vec<_> = (0..self.p.len()).map(side).collect();
-        let mut left: Vec<_> =
-            (0..self.p.len()).filter_map(|i| Some((self.portrait(i), sides[i]?))).collect();
-        left.sort_unstable_by_key(|(p, _)| p.id);
-        for (p, side) in left {
-            p.leave(&self.c, side, g);
-        }
-        sides.iter().map(Option::is_none).collect()
-    }
-
-    fn portrait(&self, i: usize) -> Portrait {
-        let (place, v, w) = (self.p.place[i], self.p.velocity[i], self.p.spin[i]);
-        Portrait {
-            id: self.p.id[i],
-            mass: 1.0 / f64::from(v.inv_mass),
-            radius: f64::from(place.radius),
-            x: self.c.lattice.decode(self.p.hi[i], place.lo, self.p.rest[i]),
-            v: v.v.map(f64::from),
-            w: w.w.map(f64::from),
-        }
     }
 
     /// Places boundaries for the present step.
@@ -345,16 +322,7 @@ impl CpuWorld {
             if now == reference {
                 return false;
             }
-            // A rigid body strays most at a corner of its box; a plane at a corner of the domain, to which its
-            // part of the world is confined.
-            let corners: [crate::spec::Vec3; 8] = match &boundary.shape {
-                BoundaryShape::Mesh(_, bvh) => match bvh.corners() {
-                    Some(corners) => corners,
-                    None => return false,
-                },
-                BoundaryShape::Plane(_) => self.c.spec.domain.corners().map(|x| reference.inverse(x)),
-            };
-            corners.iter().any(|x| norm(sub(now.apply(*x), reference.apply(*x))) > 0.5 * g.skin)
+            strays(&self.c, boundary, &reference, &now) > 0.5 * g.skin
         })
     }
 
@@ -488,7 +456,7 @@ impl CpuWorld {
         let (particles, boundaries) = self.touching(i);
         let particles = particles.into_iter().map(|j| self.p.id[j].to_string());
         let boundaries = boundaries.into_iter().map(|b| quoted(&self.c, b));
-        self.portrait(i).describe(particles.chain(boundaries).collect())
+        Portrait::of(&self.c, &self.p, i).describe(particles.chain(boundaries).collect())
     }
 
     /// Energy of the normal and of the tangential springs of particles that do not stay \[J\].

@@ -1,5 +1,7 @@
 //! A device and its memory: buffers, uploads, reads.
 
+use std::sync::OnceLock;
+
 use bytemuck::Pod;
 use cubecl::prelude::*;
 use cubecl::server::Handle;
@@ -34,14 +36,32 @@ impl Buffer {
 /// A device through one of CubeCL's runtimes.
 pub struct Device<R: Runtime> {
     client: ComputeClient<R>,
-    /// First thing that went wrong.
-    pub broken: Option<String>,
+    /// First thing that went wrong; nothing that is read afterwards is true.
+    broken: OnceLock<String>,
+    /// What the driver has told of beside the calls.
+    fault: Box<dyn Fn() -> Option<String> + Send + Sync>,
 }
 
 impl<R: Runtime> Device<R> {
-    /// Takes a client.
-    pub fn new(client: ComputeClient<R>) -> Self {
-        Self { client, broken: None }
+    /// Takes a client, and a way to ask what went wrong beside its calls.
+    pub fn new(client: ComputeClient<R>, fault: Box<dyn Fn() -> Option<String> + Send + Sync>) -> Self {
+        Self { client, broken: OnceLock::new(), fault }
+    }
+
+    /// The first thing that went wrong.
+    pub fn broken(&self) -> Option<&str> {
+        if self.broken.get().is_none()
+            && let Some(why) = (self.fault)()
+        {
+            self.breaks(why);
+        }
+        self.broken.get().map(String::as_str)
+    }
+
+    /// Remembers that the device cannot be trusted any more.
+    pub fn breaks(&self, why: String) {
+        // The first cause is the one that explains the others.
+        let _ = self.broken.set(why);
     }
 
     /// The client, to launch with.
@@ -80,7 +100,7 @@ impl<R: Runtime> Device<R> {
     }
 
     /// Whether the device's `fma` is one fused operation.
-    pub fn fuses(&mut self) -> bool {
+    pub fn fuses(&self) -> bool {
         // (1 + 2⁻¹²)² = 1 + 2⁻¹¹ + 2⁻²⁴, whose last part only a fused operation keeps.
         let x = 1.0 + 2.0_f32.powi(-12);
         let buffer = self.upload(&[x, 0.0]);
@@ -93,14 +113,14 @@ impl<R: Runtime> Device<R> {
     }
 
     /// Waits for all launches; what went wrong in them is kept.
-    pub fn settle(&mut self) {
+    pub fn settle(&self) {
         if let Err(error) = cubecl::future::block_on(self.client.sync()) {
-            self.broken.get_or_insert(format!("{error:?}"));
+            self.breaks(format!("{error:?}"));
         }
     }
 
     /// `len` elements of a buffer from `from` on.
-    pub fn read<T: Pod>(&mut self, buffer: &Buffer, from: usize, len: usize) -> Vec<T> {
+    pub fn read<T: Pod>(&self, buffer: &Buffer, from: usize, len: usize) -> Vec<T> {
         if len == 0 {
             return Vec::new();
         }
@@ -110,7 +130,7 @@ impl<R: Runtime> Device<R> {
         match self.client.read_one(part.handle) {
             Ok(bytes) => bytemuck::pod_collect_to_vec(&bytes[..len * size_of::<T>()]),
             Err(error) => {
-                self.broken.get_or_insert(format!("the device does not answer: {error:?}"));
+                self.breaks(format!("the device does not answer: {error:?}"));
                 vec![T::zeroed(); len]
             }
         }
@@ -145,10 +165,13 @@ impl<R: Runtime> Device<R> {
     }
 }
 
+/// Most blocks along an axis of a grid. Kernels that look up the world of their block are launched with no more: a
+/// grid of rows has blocks beyond those asked for.
+pub const MOST_BLOCKS: usize = 65_535;
+
 /// A grid of at least `blocks` blocks.
 pub fn grid(blocks: usize) -> CubeCount {
-    const MOST: usize = 65_535;
-    let rows = blocks.div_ceil(MOST).max(1);
+    let rows = blocks.div_ceil(MOST_BLOCKS).max(1);
     CubeCount::Static(blocks.div_ceil(rows).max(1) as u32, rows as u32, 1)
 }
 

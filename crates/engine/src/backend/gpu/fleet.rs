@@ -7,15 +7,15 @@ use std::time::Instant;
 use cubecl::prelude::*;
 use glebe_physics::IntegratorKind;
 
-use super::device::{Buffer, Device, QUAD, grid};
+use super::device::{Buffer, Device, MOST_BLOCKS, QUAD, grid};
 use super::layout::{
-    BLOCK, FACET_WORDS, LOOK, MERGED, NONE, PAIR_QUADS, REFER, RELIST, SIGHTS, SLICE, SLOTS, SUMS, Signature,
-    boundary, flag, halt, status,
+    BLOCK, FACET_WORDS, LOOK, MERGED, NONE, PAIR_QUADS, PARTNER, REFER, RELIST, SECOND, SIGHTS, SLICE, SLOTS,
+    SUMS, Signature, TOUCHING, boundary, flag, halt, status,
 };
 use super::step::Purpose;
-use super::tables::{Meshes, Poses, Region, Rooms, cell_room, pair_quads, status_row, world_row};
+use super::tables::{Meshes, Region, Rooms, cell_room, pair_quads, stand, status_row, world_row};
 use super::{lists, rows, scan, step};
-use crate::backend::common::{Portrait, outside, overlap_failure, runaway_failure, too_deep, unload};
+use crate::backend::common::{Portrait, leavers, overlap_failure, runaway_failure, too_deep, unload};
 use crate::backend::cpu::CpuFleet;
 use crate::backend::{Detail, Fleet, Job, Moment, PhaseTimes};
 use crate::failure::Failure;
@@ -51,6 +51,8 @@ struct Group {
     cells: u32,
     rooms: [u32; 3],
     bound_rows: Vec<u32>,
+    /// Where each world's series of surface forces begins.
+    series_at: Vec<usize>,
     /// Launches of steps between two looks at lists.
     launches: u32,
     b: Buffers,
@@ -118,19 +120,28 @@ fn signature(c: &Constants, fused: bool) -> Signature {
 
 impl<R: Runtime> GpuFleet<R> {
     /// Takes worlds in.
-    pub fn new(client: ComputeClient<R>, worlds: Vec<(Arc<Constants>, &mut State)>) -> Self {
-        let mut device = Device::new(client);
+    pub fn new(
+        client: ComputeClient<R>,
+        fault: Box<dyn Fn() -> Option<String> + Send + Sync>,
+        worlds: Vec<(Arc<Constants>, &mut State)>,
+    ) -> Self {
+        let device = Device::new(client, fault);
         let fused = device.fuses();
         let mut order: Vec<Signature> = Vec::new();
         let mut at = Vec::with_capacity(worlds.len());
         let mut members: Vec<Vec<(Arc<Constants>, &mut State)>> = Vec::new();
+        let mut blocks: Vec<usize> = Vec::new();
         for (c, state) in worlds {
             let s = signature(&c, fused);
-            let g = order.iter().position(|o| *o == s).unwrap_or_else(|| {
+            let most = most_blocks(c.count);
+            let fits = |g: &usize| order[*g] == s && blocks[*g] + most <= MOST_BLOCKS;
+            let g = (0..order.len()).find(fits).unwrap_or_else(|| {
                 order.push(s);
                 members.push(Vec::new());
+                blocks.push(0);
                 order.len() - 1
             });
+            blocks[g] += most;
             at.push((g, members[g].len()));
             members[g].push((c, state));
         }
@@ -139,11 +150,16 @@ impl<R: Runtime> GpuFleet<R> {
             .zip(order)
             .map(|(mut worlds, signature)| {
                 let rooms = worlds.iter().map(|(c, s)| first_rooms(c, s.particles.len())).collect();
-                Group::new(&mut device, signature, &mut worlds, rooms)
+                Group::new(&device, signature, &mut worlds, rooms)
             })
             .collect();
         Self { device, groups, at }
     }
+}
+
+/// The most blocks of a step's launch that a world can come to need: of its particles, and of those near surfaces.
+pub fn most_blocks(count: usize) -> usize {
+    2 * count.max(1).div_ceil(BLOCK as usize)
 }
 
 /// A guess at what a world needs room for; a rebuild that needs more is repeated with more.
@@ -167,40 +183,46 @@ impl<R: Runtime> Fleet for GpuFleet<R> {
                 .collect();
             let group = &mut self.groups[g];
             let mut left: Vec<u64> = mine.iter().map(|(_, j)| j.steps).collect();
-            while left.iter().any(|&n| n > 0) && self.device.broken.is_none() {
-                group.stretch(&mut self.device, &mut mine, &mut left);
+            while left.iter().any(|&n| n > 0) && self.device.broken().is_none() {
+                group.stretch(&self.device, &mut mine, &mut left);
             }
         }
-        if let Some(why) = &self.device.broken {
-            for job in jobs {
-                let g = &job.progress;
-                job.outcome = Err(Failure {
-                    time: 0.0,
-                    step: g.step,
-                    what: format!("the device failed: {why}"),
-                    cause: "the driver was reset, the device was lost or its memory ran out; files written so far \
-                            are complete, go on from the last checkpoint"
-                        .to_owned(),
-                });
+        for job in jobs {
+            if let Some(failure) = self.fault(job.world, job.progress) {
+                job.outcome = Err(failure);
             }
         }
+    }
+
+    fn fault(&self, world: usize, progress: &Progress) -> Option<Failure> {
+        let why = self.device.broken()?;
+        let (g, w) = self.at[world];
+        Some(Failure {
+            time: progress.step as f64 * self.groups[g].worlds[w].dt,
+            step: progress.step,
+            what: format!("the device failed: {why}"),
+            cause:
+                "the driver was reset, the device was lost or its memory ran out; files written so far are \
+                    complete, go on from the last checkpoint"
+                    .to_owned(),
+        })
     }
 
     fn observe(&mut self, world: usize, progress: &Progress) -> Moment {
         let (g, w) = self.at[world];
         let group = &mut self.groups[g];
-        group.observe(&mut self.device, w, progress)
+        group.observe(&self.device, w, progress)
     }
 
-    fn detail(&mut self, world: usize, progress: &Progress) -> Detail {
+    fn detail(&mut self, world: usize, state: &State) -> Detail {
         // Frames are rare: the host looks at contacts one by one.
-        let mut state = self.state(world, progress);
         let (g, w) = self.at[world];
-        let mut host = CpuFleet::new(vec![(self.groups[g].worlds[w].clone(), &mut state)]);
-        let mut detail = host.detail(0, progress);
+        let mut theirs = state.clone();
+        let mut host = CpuFleet::new(vec![(self.groups[g].worlds[w].clone(), &mut theirs)]);
+        let mut detail = host.detail(0, state);
         // The host has its own order of particles.
-        let theirs = host.state(0, progress).particles.id;
-        let count: HashMap<u32, u32> = theirs.into_iter().zip(detail.coordination).collect();
+        let ordered = host.state(0, &state.progress).particles.id;
+        let count: HashMap<u32, u32> = ordered.into_iter().zip(detail.coordination).collect();
         detail.coordination =
             state.particles.id.iter().map(|id| count.get(id).copied().unwrap_or_default()).collect();
         detail
@@ -208,16 +230,15 @@ impl<R: Runtime> Fleet for GpuFleet<R> {
 
     fn state(&self, world: usize, progress: &Progress) -> State {
         let (g, w) = self.at[world];
-        let mut device = Device::new(self.device.client().clone());
-        self.groups[g].state(&mut device, w, progress)
+        self.groups[g].state(&self.device, w, progress)
     }
 
     fn load(&mut self, world: usize, state: &mut State) {
         let (g, w) = self.at[world];
         let group = &mut self.groups[g];
         group.put(&self.device, w, state);
-        if let Some(needs) = group.relist(&mut self.device, &mut [(w, state)]) {
-            group.regrow(&mut self.device, needs, w, state);
+        if let Some(needs) = group.relist(&self.device, &mut [(w, state)]) {
+            group.regrow(&self.device, needs, w, state);
         }
     }
 
@@ -289,7 +310,7 @@ type Need = (usize, [u32; 3]);
 
 impl Group {
     fn new<R: Runtime>(
-        device: &mut Device<R>,
+        device: &Device<R>,
         signature: Signature,
         worlds: &mut [(Arc<Constants>, &mut State)],
         mut rooms: Vec<Rooms>,
@@ -302,7 +323,7 @@ impl Group {
             let mut states: Vec<(usize, &mut State)> =
                 worlds.iter_mut().enumerate().map(|(w, (_, s))| (w, &mut **s)).collect();
             let Some(needs) = group.relist(device, &mut states) else { return group };
-            if device.broken.is_some() {
+            if device.broken().is_some() {
                 return group;
             }
             for need in needs {
@@ -407,6 +428,7 @@ impl Group {
             cells,
             rooms: begins,
             bound_rows: meshes.rows,
+            series_at: vec![0; worlds.len()],
             launches: GROUP,
             b,
             times: PhaseTimes::default(),
@@ -466,23 +488,27 @@ impl Group {
             .flat_map(|i| [p.acceleration[i], p.angular[i], p.force[i]].map(|x| [x[0], x[1], x[2], 0.0]))
             .collect();
         device.write(&self.b.slow, 3 * first, &slow);
-        self.put_contacts(device, w, state);
-        self.put_surface_contacts(device, w, state);
+        let at: HashMap<u32, usize> = p.id.iter().enumerate().map(|(i, id)| (*id, i)).collect();
+        self.put_contacts(device, w, state, &at);
+        self.put_surface_contacts(device, w, state, &at);
     }
 
     /// What pairs remember, as lists of touching neighbours that the first rebuild takes over.
-    fn put_contacts<R: Runtime>(&self, device: &Device<R>, w: usize, state: &State) {
+    fn put_contacts<R: Runtime>(
+        &self,
+        device: &Device<R>,
+        w: usize,
+        state: &State,
+        at: &HashMap<u32, usize>,
+    ) {
         let region = &self.regions[w];
         let n = state.particles.len();
-        let at: HashMap<u32, u32> =
-            state.particles.id.iter().enumerate().map(|(i, id)| (*id, i as u32)).collect();
         let mut lists: Vec<Vec<(u32, [f32; 4])>> = vec![Vec::new(); n];
         for m in &state.contacts {
             let (Some(&a), Some(&b)) = (at.get(&m.id[0]), at.get(&m.id[1])) else { continue };
-            let mut h = [0.0; 4];
-            h[..m.history.len().min(4)].copy_from_slice(&m.history[..m.history.len().min(4)]);
-            lists[a as usize].push((0x4000_0000 | (region.first + b), h));
-            lists[b as usize].push((0xc000_0000 | (region.first + a), h));
+            let h = spring(&m.history);
+            lists[a].push((TOUCHING | (region.first + b as u32), h));
+            lists[b].push((TOUCHING | SECOND | (region.first + a as u32), h));
         }
         let slices = (region.blocks * BLOCK / SLICE) as usize;
         let (mut counts, mut offsets) = (vec![0_u32; n], vec![0_u32; slices]);
@@ -511,12 +537,18 @@ impl Group {
         device.write(&self.b.hist, region.begins[0] as usize, &history);
     }
 
-    fn put_surface_contacts<R: Runtime>(&self, device: &Device<R>, w: usize, state: &State) {
+    fn put_surface_contacts<R: Runtime>(
+        &self,
+        device: &Device<R>,
+        w: usize,
+        state: &State,
+        at: &HashMap<u32, usize>,
+    ) {
         let region = &self.regions[w];
         let n = state.particles.len();
         let mut row_of = vec![NONE; n];
         let (mut counts, mut memory) = (Vec::new(), Vec::<[f32; 4]>::new());
-        let at: HashMap<u32, usize> = state.particles.id.iter().enumerate().map(|(i, id)| (*id, i)).collect();
+        // What does not fit goes with an attempt that fails: the lists to be made have no less in them.
         for same in state.surface_contacts.chunk_by(|a, b| a.id == b.id) {
             let Some(&i) = at.get(&same[0].id) else { continue };
             if counts.len() as u32 == region.rooms.rows {
@@ -527,8 +559,7 @@ impl Group {
             let mut slots = vec![[0.0_f32; 4]; 2 * SLOTS as usize];
             for (k, m) in same.iter().take(SLOTS as usize).enumerate() {
                 slots[2 * k] = [m.n[0], m.n[1], m.n[2], m.surface as f32];
-                slots[2 * k + 1][..m.history.len().min(4)]
-                    .copy_from_slice(&m.history[..m.history.len().min(4)]);
+                slots[2 * k + 1] = spring(&m.history);
             }
             memory.extend(slots);
         }
@@ -545,24 +576,25 @@ impl Group {
         jobs: &[Option<(&Progress, u64, bool)>],
     ) -> Vec<usize> {
         let mut astray = Vec::new();
-        let mut poses = Poses::new();
+        let mut poses = Vec::new();
         let mut worlds = Vec::new();
         let mut series = 0_u32;
         for (w, job) in jobs.iter().enumerate() {
             let c = self.worlds[w].clone();
             worlds.extend(world_row(&c, &self.regions[w], series));
+            self.series_at[w] = series as usize;
             if let Some((g, steps, reference)) = job {
                 series += *steps as u32 * c.spec.surfaces.len() as u32 * 12;
                 let begin = (self.regions[w].boundaries * boundary::WORDS) as usize;
                 let end = begin + c.boundaries.len() * boundary::WORDS as usize;
-                if !poses.add(&c, g, *steps, *reference, &mut self.bound_rows[begin..end]) {
+                if !stand(&mut poses, &c, g, *steps, *reference, &mut self.bound_rows[begin..end]) {
                     astray.push(w);
                 }
             }
         }
         self.b.worlds = device.upload(&worlds);
         self.b.bounds = device.upload(&self.bound_rows);
-        self.b.poses = device.upload(&poses.words);
+        self.b.poses = device.upload(&poses);
         self.b.series = device.zeros(series as usize, 4);
         self.b.states = device.upload(&self.states);
         let mut flags = vec![0_u32; self.worlds.len() * flag::WORDS as usize];
@@ -577,7 +609,7 @@ impl Group {
     /// Makes the lists of worlds that were just put; what there was no room for.
     fn relist<R: Runtime>(
         &mut self,
-        device: &mut Device<R>,
+        device: &Device<R>,
         loaded: &mut [(usize, &mut State)],
     ) -> Option<Vec<Need>> {
         let mut jobs = vec![None; self.worlds.len()];
@@ -614,7 +646,7 @@ impl Group {
     }
 
     /// Takes more memory: every world is read and put again, world `w` from `given`, which is not on the device yet.
-    fn regrow<R: Runtime>(&mut self, device: &mut Device<R>, needs: Vec<Need>, w: usize, given: &mut State) {
+    fn regrow<R: Runtime>(&mut self, device: &Device<R>, needs: Vec<Need>, w: usize, given: &mut State) {
         let mut rooms: Vec<Rooms> = self.regions.iter().map(|r| r.rooms).collect();
         for need in needs {
             widen(&mut rooms, need);
@@ -631,7 +663,7 @@ impl Group {
     }
 
     /// Reads states and flags.
-    fn fetch<R: Runtime>(&mut self, device: &mut Device<R>) -> Vec<u32> {
+    fn fetch<R: Runtime>(&mut self, device: &Device<R>) -> Vec<u32> {
         device.settle();
         let (states, flags) = (self.b.states.clone(), self.b.flags.clone());
         self.states = device.read(&states, 0, states.len);
@@ -641,7 +673,7 @@ impl Group {
     /// One stretch of steps of every job.
     fn stretch<R: Runtime>(
         &mut self,
-        device: &mut Device<R>,
+        device: &Device<R>,
         jobs: &mut [(usize, &mut Job<'_>)],
         left: &mut [u64],
     ) {
@@ -704,7 +736,7 @@ impl Group {
                 .map(|w| self.state_word(w, status::TARGET).saturating_sub(self.state_word(w, status::BASE)))
                 .max()
                 .unwrap_or(0);
-            if open == 0 || device.broken.is_some() {
+            if open == 0 || device.broken().is_some() {
                 break;
             }
             left_over = open;
@@ -715,43 +747,33 @@ impl Group {
         // comes out.
         self.launches = (longest as u32 / (rebuilds + 1)).clamp(8, 128);
         self.finish(device, jobs, left, &flags, split);
-        self.times.forces += began.elapsed().as_secs_f64();
+        self.times.device += began.elapsed().as_secs_f64();
     }
 
     /// Takes the outcome of a stretch over into the worlds' progress.
     fn finish<R: Runtime>(
         &mut self,
-        device: &mut Device<R>,
+        device: &Device<R>,
         jobs: &mut [(usize, &mut Job<'_>)],
         left: &mut [u64],
         flags: &[u32],
         split: bool,
     ) {
-        if device.broken.is_some() {
+        if device.broken().is_some() {
             return;
         }
         let series = self.b.series.clone();
         let series: Vec<f32> = device.read(&series, 0, series.len);
         let sums = self.b.sums.clone();
         let sums: Vec<f32> = device.read(&sums, 0, sums.len);
-        let mut at = 0;
-        let mut leavers = Vec::new();
-        let mut starts: Vec<usize> = vec![0; self.worlds.len()];
-        let order: Vec<(usize, u64)> =
-            jobs.iter().zip(left.iter()).map(|((w, _), n)| (*w, (*n).min(STRETCH))).collect();
-        for w in 0..self.worlds.len() {
-            if let Some((_, steps)) = order.iter().find(|(k, _)| *k == w) {
-                starts[w] = at;
-                at += *steps as usize * self.worlds[w].spec.surfaces.len() * 12;
-            }
-        }
+        let mut stopped = Vec::new();
         for ((w, job), left) in jobs.iter_mut().zip(left.iter_mut()) {
             let c = self.worlds[*w].clone();
             let w = *w;
             let done = u64::from(self.state_word(w, status::BASE));
             let beats = u64::from(flags[w * flag::WORDS as usize + flag::BEATS as usize]);
             if beats != done {
-                device.broken.get_or_insert(format!(
+                device.breaks(format!(
                     "{beats} of {done} steps were run: the driver refused a kernel or dropped launches"
                 ));
                 return;
@@ -763,7 +785,7 @@ impl Group {
                 g.step += u64::from(split);
                 let forces: Vec<[f64; 6]> = (0..surfaces)
                     .map(|s| {
-                        let from = starts[w] + (t * surfaces + s) * 12;
+                        let from = self.series_at[w] + (t * surfaces + s) * 12;
                         std::array::from_fn(|q| {
                             f64::from(series[from + 2 * q]) + f64::from(series[from + 2 * q + 1])
                         })
@@ -793,7 +815,7 @@ impl Group {
             let deep = too_deep(&c, g, worst);
             match f[flag::HALT as usize] {
                 halt::NO => {}
-                halt::LEFT | halt::ROOM => leavers.push(w),
+                halt::LEFT | halt::ROOM => stopped.push(w),
                 why => {
                     *left = 0;
                     let progress = g.clone();
@@ -802,7 +824,7 @@ impl Group {
                 }
             }
         }
-        for w in leavers {
+        for w in stopped {
             if let Some((_, job)) = jobs.iter_mut().find(|(k, _)| *k == w) {
                 self.relieve(device, w, job.progress, flags);
             }
@@ -810,18 +832,11 @@ impl Group {
     }
 
     /// Takes out the particles that left a world, or takes more memory, and makes its lists again.
-    fn relieve<R: Runtime>(&mut self, device: &mut Device<R>, w: usize, g: &mut Progress, flags: &[u32]) {
+    fn relieve<R: Runtime>(&mut self, device: &Device<R>, w: usize, g: &mut Progress, flags: &[u32]) {
         let c = self.worlds[w].clone();
         let before = self.observe(device, w, g);
         let mut state = self.state(device, w, g);
-        let p = &state.particles;
-        let sides: Vec<_> = (0..p.len()).map(|i| outside(&c.lattice, p.hi[i], p.place[i].lo)).collect();
-        let mut left: Vec<_> = (0..p.len()).filter_map(|i| Some((portrait(&c, p, i), sides[i]?))).collect();
-        left.sort_unstable_by_key(|(p, _)| p.id);
-        for (portrait, side) in left {
-            portrait.leave(&c, side, &mut state.progress);
-        }
-        let keep: Vec<bool> = sides.iter().map(Option::is_none).collect();
+        let keep = leavers(&c, &state.particles, &mut state.progress);
         state.remove(&keep);
         state.progress.stale = true;
         if keep.contains(&false) && self.signature.integrator == IntegratorKind::VelocityVerlet {
@@ -874,7 +889,7 @@ impl Group {
 
     fn failure<R: Runtime>(
         &self,
-        device: &mut Device<R>,
+        device: &Device<R>,
         w: usize,
         g: &Progress,
         who: u32,
@@ -889,7 +904,7 @@ impl Group {
             return Failure {
                 time: g.step as f64 * c.dt,
                 step: g.step,
-                what: format!("a particle touches more than {SLOTS} walls of surfaces at once"),
+                what: format!("{} touches more than {SLOTS} walls of surfaces at once", describe(who)),
                 cause:
                     "the GPU backend holds no more contacts of one particle; coarsen the mesh or run with \
                         --device cpu"
@@ -1057,7 +1072,7 @@ impl Group {
         self.launch_step(device, 0, purpose, &self.b.sights);
     }
 
-    fn observe<R: Runtime>(&mut self, device: &mut Device<R>, w: usize, g: &Progress) -> Moment {
+    fn observe<R: Runtime>(&mut self, device: &Device<R>, w: usize, g: &Progress) -> Moment {
         let mut jobs = vec![None; self.worlds.len()];
         jobs[w] = Some((g, 0, false));
         for w in 0..self.worlds.len() {
@@ -1089,34 +1104,22 @@ impl Group {
         m
     }
 
-    fn sum<R: Runtime>(&self, device: &Device<R>, n: u32, input: &Buffer, out: &Buffer, counters: bool) {
+    fn sum<R: Runtime>(&self, device: &Device<R>, n: u32, input: &Buffer, out: &Buffer) {
         let tiles = n.div_ceil(scan::TILE);
         let totals = &self.b.totals;
         let dim = CubeDim::new_1d(BLOCK);
         // SAFETY: the kernels check their bounds.
         #[allow(unsafe_code)]
         unsafe {
-            if counters {
-                scan::counter_tiles::launch_unchecked::<R>(
-                    device.client(),
-                    grid(tiles as usize),
-                    dim,
-                    n,
-                    input.arg(),
-                    out.arg(),
-                    totals.arg(),
-                );
-            } else {
-                scan::tiles::launch_unchecked::<R>(
-                    device.client(),
-                    grid(tiles as usize),
-                    dim,
-                    n,
-                    input.arg(),
-                    out.arg(),
-                    totals.arg(),
-                );
-            }
+            scan::tiles::launch_unchecked::<R>(
+                device.client(),
+                grid(tiles as usize),
+                dim,
+                n,
+                input.arg(),
+                out.arg(),
+                totals.arg(),
+            );
             scan::join::launch_unchecked::<R>(device.client(), grid(1), dim, tiles, totals.arg());
             scan::spread::launch_unchecked::<R>(
                 device.client(),
@@ -1150,7 +1153,7 @@ impl Group {
     }
 
     /// Whether any world rebuilds, or stopped.
-    fn rebuilding<R: Runtime>(&mut self, device: &mut Device<R>) -> bool {
+    fn rebuilding<R: Runtime>(&mut self, device: &Device<R>) -> bool {
         let flags = self.fetch(device);
         (0..self.worlds.len()).any(|w| {
             self.state_word(w, status::REBUILDING) == 1
@@ -1184,7 +1187,7 @@ impl Group {
                 b.bins.arg(),
                 b.counters.arg(),
             );
-            self.sum(device, self.cells, &b.counters, &b.starts, true);
+            self.sum(device, self.cells, &b.counters, &b.starts);
             lists::scatter::launch_unchecked::<R>(
                 client,
                 by_particle(),
@@ -1242,7 +1245,7 @@ impl Group {
                 b.widths.arg(),
                 b.nbr.arg(),
             );
-            self.sum(device, n / SLICE, &b.widths, &b.width_starts, false);
+            self.sum(device, n / SLICE, &b.widths, &b.width_starts);
             lists::fill::launch_unchecked::<R>(
                 client,
                 by_particle(),
@@ -1307,8 +1310,8 @@ impl Group {
                 b.near_flag.arg(),
                 self.signature,
             );
-            self.sum(device, n, &b.near_flag, &b.row_starts, false);
-            self.sum(device, n, &b.near_count, &b.facet_starts, false);
+            self.sum(device, n, &b.near_flag, &b.row_starts);
+            self.sum(device, n, &b.near_count, &b.facet_starts);
             rows::settle::launch_unchecked::<R>(
                 device.client(),
                 grid((n / BLOCK) as usize),
@@ -1340,7 +1343,7 @@ impl Group {
     }
 
     /// The complete state of a world.
-    fn state<R: Runtime>(&self, device: &mut Device<R>, w: usize, g: &Progress) -> State {
+    fn state<R: Runtime>(&self, device: &Device<R>, w: usize, g: &Progress) -> State {
         let region = &self.regions[w];
         let n = self.counts[w];
         let first = region.first as usize;
@@ -1379,7 +1382,7 @@ impl Group {
 
     fn contacts<R: Runtime>(
         &self,
-        device: &mut Device<R>,
+        device: &Device<R>,
         w: usize,
         p: &Particles,
         listed: usize,
@@ -1412,10 +1415,10 @@ impl Group {
                 let at = begin + k * SLICE as usize;
                 let entry = nbr[at];
                 // Each pair is told by the particle of the lower number.
-                if entry & 0x4000_0000 == 0 || entry & 0x8000_0000 != 0 {
+                if entry & TOUCHING == 0 || entry & SECOND != 0 {
                     continue;
                 }
-                let j = (entry & 0x3fff_ffff) as usize - first;
+                let j = (entry & PARTNER) as usize - first;
                 contacts.push(ContactMemory { id: [p.id[i], p.id[j]], history: hist[at][..h].to_vec() });
             }
         }
@@ -1425,7 +1428,7 @@ impl Group {
 
     fn surface_contacts<R: Runtime>(
         &self,
-        device: &mut Device<R>,
+        device: &Device<R>,
         w: usize,
         p: &Particles,
         parity: usize,
@@ -1463,24 +1466,17 @@ impl Group {
     }
 }
 
+/// What a contact remembers, as four words; laws that remember more are refused.
+fn spring(history: &[f32]) -> [f32; 4] {
+    std::array::from_fn(|k| history.get(k).copied().unwrap_or_default())
+}
+
 fn widen(rooms: &mut [Rooms], (w, [lists, rows, facets]): Need) {
     let grown = |room: u32, need: u32| if need > room { need + need / 4 } else { room };
     let r = &mut rooms[w];
     r.lists = grown(r.lists, lists).next_multiple_of(BLOCK);
     r.rows = grown(r.rows, rows).next_multiple_of(BLOCK);
     r.facets = grown(r.facets, facets);
-}
-
-fn portrait(c: &Constants, p: &Particles, i: usize) -> Portrait {
-    let (place, v, w) = (p.place[i], p.velocity[i], p.spin[i]);
-    Portrait {
-        id: p.id[i],
-        mass: 1.0 / f64::from(v.inv_mass),
-        radius: f64::from(place.radius),
-        x: c.lattice.decode(p.hi[i], place.lo, p.rest[i]),
-        v: v.v.map(f64::from),
-        w: w.w.map(f64::from),
-    }
 }
 
 impl State {
@@ -1494,6 +1490,6 @@ impl State {
             pairs.map(|m| (if m.id[0] == id { m.id[1] } else { m.id[0] }).to_string()).collect();
         let surfaces = self.surface_contacts.iter().filter(|m| m.id == id);
         with.extend(surfaces.map(|m| format!("`{}`", c.boundaries[m.surface as usize].name)));
-        portrait(c, &self.particles, i).describe(with)
+        Portrait::of(c, &self.particles, i).describe(with)
     }
 }

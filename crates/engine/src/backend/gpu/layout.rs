@@ -19,6 +19,13 @@ pub const SLICE: u32 = 32;
 /// Marks that there is none.
 pub const NONE: u32 = u32::MAX;
 
+/// Bits of a list's entry: the other particle's place in the order of storage.
+pub const PARTNER: u32 = 0x3fff_ffff;
+/// Bit of a list's entry: the pair touched in the last step.
+pub const TOUCHING: u32 = 0x4000_0000;
+/// Bit of a list's entry: the other particle has the lower number, and the pair is evaluated from there.
+pub const SECOND: u32 = 0x8000_0000;
+
 /// Asked of a world: lists of its reference as it is.
 pub const RELIST: u32 = 1;
 /// Asked of a world: lists of its present configuration.

@@ -6,9 +6,11 @@
 
 use cubecl::prelude::*;
 
-use super::layout::{BLOCK, F4, NONE, RELIST, SLICE, U4, flag, float_at, halt, status, world};
+use super::layout::{
+    BLOCK, F4, NONE, PARTNER, RELIST, SECOND, SLICE, TOUCHING, U4, flag, float_at, halt, status, world,
+};
 use super::step::square;
-use crate::setup::{SKIN_MAX, SKIN_MIN};
+use crate::setup::{REBUILT_LATE, REBUILT_SOON, SKIN_MAX, SKIN_MIN, SKIN_NARROWER, SKIN_WIDER};
 
 /// Share that rounding may take of a cell.
 const MARGIN: f32 = 1.0e-4;
@@ -49,10 +51,11 @@ pub fn begin(
             // Fast flows need a wider reach, creeping ones waste it.
             let mut wanted = skin;
             if asked == 0u32 {
-                if since < 12u32 {
-                    wanted = f32::min(1.25f32 * skin, comptime!(SKIN_MAX as f32) * mean);
-                } else if since > 40u32 {
-                    wanted = f32::max(0.8f32 * skin, comptime!(SKIN_MIN as f32) * mean);
+                if since < comptime!(REBUILT_SOON as u32) {
+                    wanted = f32::min(comptime!(SKIN_WIDER as f32) * skin, comptime!(SKIN_MAX as f32) * mean);
+                } else if since > comptime!(REBUILT_LATE as u32) {
+                    wanted =
+                        f32::max(comptime!(SKIN_NARROWER as f32) * skin, comptime!(SKIN_MIN as f32) * mean);
                 }
             }
             states[(s + status::SKIN) as usize] = u32::reinterpret(wanted);
@@ -67,15 +70,6 @@ pub fn begin(
                     u32::cast_from(f32::clamp(cells, 1.0f32, 1.0e5f32));
             }
         }
-    }
-}
-
-/// Zeroes counters.
-#[cube(launch_unchecked)]
-pub fn clear(n: u32, counters: &mut Array<Atomic<u32>>) {
-    let i = u32::cast_from(ABSOLUTE_POS);
-    if i < n {
-        counters[i as usize].store(0u32);
     }
 }
 
@@ -116,8 +110,28 @@ fn bin_of(worlds: &Array<u32>, states: &Array<u32>, w: u32, x: u32, y: u32, z: u
     worlds[(c + world::CELLS) as usize] + ((z * ny + y) * nx + x) % room
 }
 
-/// Makes the present configuration the reference, unless the host asked for the one there is, and counts
-/// particles per cell. Particles outside the domain stop the world.
+/// Where a particle is in the configuration that lists are made of.
+#[derive(CubeType, Clone, Copy)]
+struct Aim {
+    /// Fractions and radius.
+    lo: U4,
+    /// Windows and number.
+    hi: U4,
+}
+
+/// The present place of the particle at `mine` and `me`, or the reference that it has if the host asks for that.
+#[cube]
+fn aim(mine: u32, me: u32, kept: bool, place: &Array<U4>, own: &Array<U4>, refs: &Array<U4>) -> Aim {
+    let mut lo = refs[(2u32 * mine) as usize];
+    let mut hi = refs[(2u32 * mine + 1u32) as usize];
+    if !kept {
+        lo = place[me as usize];
+        hi = own[(2u32 * mine) as usize];
+    }
+    Aim { lo, hi }
+}
+
+/// Counts particles per cell. Particles outside the domain stop the world.
 #[cube(launch_unchecked)]
 pub fn bin(
     padded: u32,
@@ -127,7 +141,7 @@ pub fn bin(
     flags: &mut Array<Atomic<u32>>,
     place: &Array<U4>,
     own: &Array<U4>,
-    refs: &mut Array<U4>,
+    refs: &Array<U4>,
     bins: &mut Array<u32>,
     counters: &mut Array<Atomic<u32>>,
 ) {
@@ -138,28 +152,26 @@ pub fn bin(
         let i = u32::cast_from(ABSOLUTE_POS);
         if i - worlds[(c + world::FIRST) as usize] < states[(s + status::COUNT) as usize] {
             let mine = states[(s + status::LISTED) as usize] * padded + i;
-            if states[(s + status::ASKED) as usize] != RELIST {
-                let here = place[(states[(s + status::PARITY) as usize] * padded + i) as usize];
-                let home = own[(2u32 * mine) as usize];
-                refs[(2u32 * mine) as usize] = here;
-                refs[(2u32 * mine + 1u32) as usize] = home;
+            let kept = states[(s + status::ASKED) as usize] == RELIST;
+            let me = states[(s + status::PARITY) as usize] * padded + i;
+            let at = aim(mine, me, kept, place, own, refs);
+            let (lo, hi) = (at.lo, at.hi);
+            if !kept {
                 let mut out = false;
                 #[unroll]
                 for k in 0..3u32 {
                     if worlds[(c + world::PERIODIC + k) as usize] == 0u32 {
-                        let hi = i32::cast_from(home[k as usize]);
-                        let lo = here[k as usize];
+                        let window = i32::cast_from(hi[k as usize]);
                         let end_hi = i32::cast_from(worlds[(c + world::EXTENT + k) as usize]);
                         let end_lo = worlds[(c + world::EXTENT + 3u32 + k) as usize];
-                        out = out || hi < 0i32 || hi > end_hi || (hi == end_hi && lo > end_lo);
+                        let beyond = window > end_hi || (window == end_hi && lo[k as usize] > end_lo);
+                        out = out || window < 0i32 || beyond;
                     }
                 }
                 if out {
                     flags[(w * flag::WORDS + flag::HALT) as usize].fetch_max(halt::LEFT);
                 }
             }
-            let lo = refs[(2u32 * mine) as usize];
-            let hi = refs[(2u32 * mine + 1u32) as usize];
             let x = cell_of(worlds, states, w, hi[0], lo[0], 0u32);
             let y = cell_of(worlds, states, w, hi[1], lo[1], 1u32);
             let z = cell_of(worlds, states, w, hi[2], lo[2], 2u32);
@@ -241,7 +253,7 @@ pub fn sort(
     }
 }
 
-/// Puts the columns into the new order.
+/// Puts the columns into the new order, with the reference that the lists are made of.
 #[cube(launch_unchecked)]
 pub fn gather(
     padded: u32,
@@ -272,10 +284,13 @@ pub fn gather(
             spin[to] = spin[from];
             let a = listed * padded + old;
             let b = (1u32 - listed) * padded + i;
+            let kept = states[(s + status::ASKED) as usize] == RELIST;
+            let at = aim(a, parity * padded + old, kept, place, own, refs);
+            refs[(2u32 * b) as usize] = at.lo;
+            refs[(2u32 * b + 1u32) as usize] = at.hi;
             #[unroll]
             for k in 0..2u32 {
                 own[(2u32 * b + k) as usize] = own[(2u32 * a + k) as usize];
-                refs[(2u32 * b + k) as usize] = refs[(2u32 * a + k) as usize];
             }
             #[unroll]
             for k in 0..3u32 {
@@ -393,7 +408,7 @@ fn neighbours(
                                 found += 1u32;
                                 if comptime!(writes) {
                                     let second = own[(2u32 * there) as usize][3] < my_id;
-                                    let entry = j | select(second, 0x8000_0000u32, 0u32);
+                                    let entry = j | select(second, SECOND, 0u32);
                                     if v.touches {
                                         nbr[(from + front * SLICE) as usize] = entry;
                                         front += 1u32;
@@ -512,14 +527,14 @@ pub fn fill(
             for k in 0..old_n {
                 let at = old_from + k * SLICE;
                 let entry = nbr[at as usize];
-                if (entry >> 30u32) & 1u32 == 1u32 {
-                    let j = renamed[(entry & 0x3fff_ffffu32) as usize];
+                if entry & TOUCHING != 0u32 {
+                    let j = renamed[(entry & PARTNER) as usize];
                     let mut q = 0u32;
                     while q < n {
                         let to = from + q * SLICE;
                         let candidate = nbr[to as usize];
-                        if (candidate & 0x3fff_ffffu32) == j {
-                            nbr[to as usize] = candidate | 0x4000_0000u32;
+                        if (candidate & PARTNER) == j {
+                            nbr[to as usize] = candidate | TOUCHING;
                             hist[to as usize] = hist[at as usize];
                             q = n;
                         } else {

@@ -180,13 +180,14 @@ impl Accelerator {
             Door::Adapter(place) => {
                 // Accelerators are made with their row, and rows stay.
                 let device = opened().get(place).map_or(WgpuDevice::DefaultDevice, |o| o.device.clone());
-                Box::new(fleet::GpuFleet::<WgpuRuntime>::new(WgpuRuntime::client(&device), worlds))
+                let fault = Box::new(move || self.fault());
+                Box::new(fleet::GpuFleet::<WgpuRuntime>::new(WgpuRuntime::client(&device), fault, worlds))
             }
             #[cfg(feature = "cuda")]
             Door::Cuda(index) => {
                 type R = cubecl::cuda::CudaRuntime;
                 let client = R::client(&cubecl::cuda::CudaDevice { index });
-                Box::new(fleet::GpuFleet::<R>::new(client, worlds))
+                Box::new(fleet::GpuFleet::<R>::new(client, Box::new(move || self.fault()), worlds))
             }
         }
     }
@@ -268,6 +269,12 @@ fn open_cuda(_: usize) -> Result<Accelerator, Unavailable> {
 
 /// Why there is no room for that many particles on a device with that memory and largest buffer \[bytes\].
 fn crowded(particles: u64, memory: Option<u64>, largest: u64) -> Option<String> {
+    if fleet::most_blocks(particles as usize) > device::MOST_BLOCKS {
+        let most = device::MOST_BLOCKS / 2 * layout::BLOCK as usize;
+        return Some(format!(
+            "{particles} particles in one world are more than the {most} that a launch reaches"
+        ));
+    }
     let told = |needs: u64, what: &str, has: u64| {
         format!(
             "{particles} particles need {what} {} MB, and the device has {} MB",

@@ -29,34 +29,9 @@ fn within_block(shared: &mut SharedMemory<u32>, x: u32) -> u32 {
     shared[UNIT_POS as usize] - x
 }
 
-/// Sums within tiles.
+/// Sums within tiles. Inputs are read as counters, which some of them are.
 #[cube(launch_unchecked)]
-pub fn tiles(n: u32, input: &Array<u32>, out: &mut Array<u32>, totals: &mut Array<u32>) {
-    let mut shared = SharedMemory::<u32>::new(comptime!(BLOCK as usize));
-    let begin = u32::cast_from(ABSOLUTE_POS) * EACH;
-    let mut own = 0u32;
-    #[unroll]
-    for k in 0..EACH {
-        if begin + k < n {
-            own += input[(begin + k) as usize];
-        }
-    }
-    let mut running = within_block(&mut shared, own);
-    #[unroll]
-    for k in 0..EACH {
-        if begin + k < n {
-            out[(begin + k) as usize] = running;
-            running += input[(begin + k) as usize];
-        }
-    }
-    if UNIT_POS == BLOCK - 1u32 {
-        totals[CUBE_POS] = shared[UNIT_POS as usize];
-    }
-}
-
-/// The same for counters that many units write.
-#[cube(launch_unchecked)]
-pub fn counter_tiles(n: u32, input: &Array<Atomic<u32>>, out: &mut Array<u32>, totals: &mut Array<u32>) {
+pub fn tiles(n: u32, input: &Array<Atomic<u32>>, out: &mut Array<u32>, totals: &mut Array<u32>) {
     let mut shared = SharedMemory::<u32>::new(comptime!(BLOCK as usize));
     let begin = u32::cast_from(ABSOLUTE_POS) * EACH;
     let mut own = 0u32;

@@ -9,11 +9,11 @@ use glebe_physics::kernel::vector::{V3, cross, dot, plus, scaled};
 
 use super::compensated::{Two3, gap, sum, tidy, whole};
 use super::layout::{
-    BLOCK, F4, LOOK, NONE, SIGHTS, SLICE, SLOTS, SUMS, Signature, U4, active, boundary, flag, float_at, halt,
-    pose, status, world,
+    BLOCK, F4, LOOK, NONE, PARTNER, SECOND, SIGHTS, SLICE, SLOTS, SUMS, Signature, TOUCHING, U4, active,
+    boundary, flag, float_at, halt, pose, status, world,
 };
 use super::pair::{Meeting, interact, inverse_inertia};
-use super::surfaces::{Spot, metres, surfaces_of, unwrapped};
+use super::surfaces::{metres, surfaces_of};
 
 /// What a launch is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -72,12 +72,12 @@ fn pick(second: bool, a: V3, b: V3) -> V3 {
 }
 
 #[cube]
-fn first3(q: F4) -> V3 {
+pub fn first3(q: F4) -> V3 {
     V3 { x: q[0], y: q[1], z: q[2] }
 }
 
 #[cube]
-fn bits3(q: U4) -> V3 {
+pub fn bits3(q: U4) -> V3 {
     V3 { x: f32::reinterpret(q[0]), y: f32::reinterpret(q[1]), z: f32::reinterpret(q[2]) }
 }
 
@@ -302,7 +302,7 @@ fn pairs_of(
         let mut near = 0u32;
         for q in k..end {
             let entry = nbr[(from + q * SLICE) as usize];
-            let j = entry & 0x3fff_ffffu32;
+            let j = entry & PARTNER;
             let there = place[(half + j) as usize];
             let reach = (r_i + f32::reinterpret(there[3]) + range) * 1.000_001f32;
             let d2 = square(
@@ -316,8 +316,8 @@ fn pairs_of(
                 near |= 1u32 << (q - k);
             } else {
                 if comptime!(purpose == Purpose::Step) {
-                    if (entry >> 30u32) & 1u32 == 1u32 {
-                        nbr[(from + q * SLICE) as usize] = entry & 0xbfff_ffffu32;
+                    if entry & TOUCHING != 0u32 {
+                        nbr[(from + q * SLICE) as usize] = entry & comptime!(!TOUCHING);
                     }
                 }
             }
@@ -327,11 +327,11 @@ fn pairs_of(
             near &= near - 1u32;
             let at = from + q * SLICE;
             let entry = nbr[at as usize];
-            let j = entry & 0x3fff_ffffu32;
-            let touched = (entry >> 30u32) & 1u32 == 1u32;
+            let j = entry & PARTNER;
+            let touched = entry & TOUCHING != 0u32;
             // Both particles evaluate the pair in the same order, that of their numbers, so that what they
             // find is the same to the bit.
-            let second = (entry >> 31u32) == 1u32;
+            let second = entry & SECOND != 0u32;
             let other = (half + j) as usize;
             let there = place[other];
             let sign = select(second, 0i32 - 1i32, 1i32);
@@ -421,13 +421,13 @@ fn pairs_of(
                 if comptime!(purpose == Purpose::Step) {
                     hist[at as usize] = four(e.stretch.x, e.stretch.y, e.stretch.z, e.slip);
                     if !touched {
-                        nbr[at as usize] = entry | 0x4000_0000u32;
+                        nbr[at as usize] = entry | TOUCHING;
                     }
                 }
             } else {
                 if comptime!(purpose == Purpose::Step) {
                     if touched {
-                        nbr[at as usize] = entry & 0xbfff_ffffu32;
+                        nbr[at as usize] = entry & comptime!(!TOUCHING);
                     }
                 }
             }
@@ -554,61 +554,16 @@ pub fn surfaces(
         let which = states[(st + status::LISTED) as usize];
         let parity = (states[(st + status::PARITY) as usize] + k) & 1u32;
         let t = states[(st + status::BASE) as usize] + k;
-        // A force that is taken after the motion meets surfaces where they are then.
-        let split = comptime!(s.integrator == IntegratorKind::VelocityVerlet && purpose == Purpose::Step);
-        let now = if comptime!(split) { t + 1u32 } else { t };
         let full = float_at(worlds, c + world::DT);
         let dt = if comptime!(purpose == Purpose::Step) { full } else { 0.0f32 * full };
-        let table = 2u32 * padded + 3u32 * (which * row_room + row);
-        let begins = which * facet_room + rows[table as usize];
-        let entries = rows[(table + 1u32) as usize];
-        let i = rows[(table + 2u32) as usize];
+        let i = rows[(2u32 * padded + 3u32 * (which * row_room + row) + 2u32) as usize];
         let mine = which * padded + i;
         let me = (parity * padded + i) as usize;
-        let here = place[me];
-        let v4 = vel[me];
-        let turn = spin[me];
-        let lo_ref = refs[(2u32 * mine) as usize];
-        let hi_ref = refs[(2u32 * mine + 1u32) as usize];
-        let spot = Spot {
-            hi: quad(
-                unwrapped(hi_ref[0], lo_ref[0], here[0]),
-                unwrapped(hi_ref[1], lo_ref[1], here[1]),
-                unwrapped(hi_ref[2], lo_ref[2], here[2]),
-                0u32,
-            ),
-            lo: here,
-            rest: own[(2u32 * mine + 1u32) as usize],
-        };
+        let (here, v4, turn) = (place[me], vel[me], spin[me]);
+        let rest = own[(2u32 * mine + 1u32) as usize];
         let q = surfaces_of(
-            row,
-            parity,
-            1u32 - parity,
-            row_room,
-            entries,
-            spot,
-            now,
-            c,
-            dt,
-            f32::reinterpret(here[3]),
-            v4[3],
-            first3(v4),
-            bits3(turn),
-            turn[3],
-            flags,
-            w * flag::WORDS + flag::HALT,
-            worlds,
-            pairs,
-            bounds,
-            poses,
-            tris,
-            verts,
-            facets,
-            row_count,
-            row_mem,
-            push,
-            begins,
-            s,
+            row, which, mine, parity, padded, row_room, facet_room, here, v4, turn, rest, t, w, dt, flags,
+            worlds, refs, pairs, bounds, poses, tris, verts, rows, facets, row_count, row_mem, push, s,
             purpose,
         );
         let at = (row + 1u32) * ROW_QUADS;
@@ -855,58 +810,10 @@ pub fn step(
                 + i % SLICE;
             let p = pairs_of(i, n, from, half, c, dt, worlds, pairs, place, vel, spin, nbr, hist, s, purpose);
             let q = if comptime!(s.surfaces && s.merged) {
-                let mut entries = 0u32;
-                let mut begins = 0u32;
-                if row != NONE {
-                    let table = 2u32 * padded + 3u32 * (which * row_room + row);
-                    begins = which * facet_room + rows[table as usize];
-                    entries = rows[(table + 1u32) as usize];
-                }
-                // A force that is taken after the motion meets surfaces where they are then.
-                let split =
-                    comptime!(s.integrator == IntegratorKind::VelocityVerlet && purpose == Purpose::Step);
-                let now = if comptime!(split) { t + 1u32 } else { t };
-                let hi_ref = refs[(2u32 * mine + 1u32) as usize];
-                let spot = Spot {
-                    hi: quad(
-                        unwrapped(hi_ref[0], lo_ref[0], here[0]),
-                        unwrapped(hi_ref[1], lo_ref[1], here[1]),
-                        unwrapped(hi_ref[2], lo_ref[2], here[2]),
-                        0u32,
-                    ),
-                    lo: here,
-                    rest,
-                };
                 surfaces_of(
-                    row,
-                    parity,
-                    1u32 - parity,
-                    row_room,
-                    entries,
-                    spot,
-                    now,
-                    c,
-                    dt,
-                    r,
-                    im,
-                    v,
-                    w3,
-                    turn[3],
-                    flags,
-                    f + flag::HALT,
-                    worlds,
-                    pairs,
-                    bounds,
-                    poses,
-                    tris,
-                    verts,
-                    facets,
-                    row_count,
-                    row_mem,
-                    push,
-                    begins,
-                    s,
-                    purpose,
+                    row, which, mine, parity, padded, row_room, facet_room, here, v4, turn, rest, t, w, dt,
+                    flags, worlds, refs, pairs, bounds, poses, tris, verts, rows, facets, row_count, row_mem,
+                    push, s, purpose,
                 )
             } else if comptime!(s.surfaces) {
                 on_surfaces(row_sums, rows[mine as usize])

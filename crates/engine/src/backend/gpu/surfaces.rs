@@ -4,16 +4,17 @@
 //! meshes of any size cost nothing to move and large triangles cost no digits.
 
 use cubecl::prelude::*;
+use glebe_physics::IntegratorKind;
 use glebe_physics::kernel::triangle::closest_to_origin;
 use glebe_physics::kernel::vector::{V3, cross, dot, length, minus, plus, scaled};
 
 use super::compensated::{Gap, Two, Two3, along2, dot2, gap, minus2, minus23, plus2, rounded, sum, times2};
 use super::layout::{
-    F4, FACET_WORDS, IMAGE_BITS, IMAGE_ZERO, NONE, SLOTS, Signature, TOUCHED, U4, boundary, float_at, halt,
-    pose, world,
+    F4, FACET_WORDS, IMAGE_BITS, IMAGE_ZERO, NONE, SLOTS, Signature, TOUCHED, U4, boundary, flag, float_at,
+    halt, pose, world,
 };
 use super::pair::{Meeting, interact};
-use super::step::{Purpose, Sums, four};
+use super::step::{Purpose, Sums, bits3, first3, four, quad};
 
 /// Metres per unit: entry `k` of the matrix by rows, of the world whose table begins at `c`.
 #[cube]
@@ -236,45 +237,69 @@ fn less(a: Two, b: f32, c: f32) -> Two {
 #[cube]
 pub fn surfaces_of(
     row: u32,
-    rows_from: u32,
-    rows_to: u32,
+    which: u32,
+    mine: u32,
+    parity: u32,
+    padded: u32,
     row_room: u32,
-    entries: u32,
-    p: Spot,
+    facet_room: u32,
+    here: U4,
+    moving: F4,
+    turn: U4,
+    rest: U4,
     t: u32,
-    c: u32,
+    world: u32,
     dt: f32,
-    r: f32,
-    im: f32,
-    v: V3,
-    w: V3,
-    material: u32,
-    overflow: &mut Array<Atomic<u32>>,
-    halt_at: u32,
+    flags: &mut Array<Atomic<u32>>,
     worlds: &Array<u32>,
+    refs: &Array<U4>,
     pairs: &Array<F4>,
     bounds: &Array<u32>,
     poses: &Array<u32>,
     tris: &Array<U4>,
     verts: &Array<F4>,
+    rows: &Array<u32>,
     facets: &Array<u32>,
     row_count: &mut Array<u32>,
     row_mem: &mut Array<F4>,
     push: &mut Array<F4>,
-    first: u32,
     #[comptime] s: Signature,
     #[comptime] purpose: Purpose,
 ) -> Sums {
+    let c = world * world::WORDS;
+    let stops = world * flag::WORDS;
     let range = float_at(worlds, c + world::RANGE);
     let materials = worlds[(c + world::MATERIALS) as usize];
     let table = worlds[(c + world::PAIRS) as usize];
     let bound0 = worlds[(c + world::BOUNDARIES) as usize];
+    // A force that is taken after the motion meets surfaces where they are then.
+    let split = comptime!(s.integrator == IntegratorKind::VelocityVerlet && purpose == Purpose::Step);
+    let now = if comptime!(split) { t + 1u32 } else { t };
+    let (v, w) = (first3(moving), bits3(turn));
+    let (im, r) = (moving[3], f32::reinterpret(here[3]));
+    let lo_ref = refs[(2u32 * mine) as usize];
+    let hi_ref = refs[(2u32 * mine + 1u32) as usize];
+    let p = Spot {
+        hi: quad(
+            unwrapped(hi_ref[0], lo_ref[0], here[0]),
+            unwrapped(hi_ref[1], lo_ref[1], here[1]),
+            unwrapped(hi_ref[2], lo_ref[2], here[2]),
+            0u32,
+        ),
+        lo: here,
+        rest,
+    };
+    let mut entries = 0u32;
+    let mut first = 0u32;
     let mut old_n = 0u32;
     if row != NONE {
-        old_n = row_count[(rows_from * row_room + row) as usize];
+        let at = 2u32 * padded + 3u32 * (which * row_room + row);
+        first = which * facet_room + rows[at as usize];
+        entries = rows[(at + 1u32) as usize];
+        old_n = row_count[(parity * row_room + row) as usize];
     }
-    let old = (rows_from * row_room + row) * SLOTS;
-    let new = (rows_to * row_room + row) * SLOTS;
+    let old = (parity * row_room + row) * SLOTS;
+    let new = ((1u32 - parity) * row_room + row) * SLOTS;
 
     let mut fx = 0.0f32;
     let mut fy = 0.0f32;
@@ -317,7 +342,7 @@ pub fn surfaces_of(
         let b = facets[(facet + 1u32) as usize];
         let seen = facets[(facet + 2u32) as usize];
         let bt = (bound0 + b) * boundary::WORDS;
-        let at = bounds[(bt + boundary::POSE) as usize] + t * bounds[(bt + boundary::STRIDE) as usize];
+        let at = bounds[(bt + boundary::POSE) as usize] + now * bounds[(bt + boundary::STRIDE) as usize];
         if poses[(at + pose::PRESENT) as usize] == 1u32 {
             let x = from_origin(worlds, c, poses, at, p, seen, comptime!(s.fused), comptime!(s.orthogonal));
             let triangles = bounds[(bt + boundary::TRIANGLES) as usize];
@@ -367,7 +392,8 @@ pub fn surfaces_of(
                     bound[m as usize] = b;
                     m += 1u32;
                 } else {
-                    overflow[halt_at as usize].fetch_max(halt::CONTACTS);
+                    flags[(stops + flag::HALT) as usize].fetch_max(halt::CONTACTS);
+                    flags[(stops + flag::WHO) as usize].fetch_min(hi_ref[3]);
                 }
             }
         }
@@ -397,7 +423,7 @@ pub fn surfaces_of(
         waiting &= !(1u32 << best);
         let b = bound[best as usize];
         let bt = (bound0 + b) * boundary::WORDS;
-        let at = bounds[(bt + boundary::POSE) as usize] + t * bounds[(bt + boundary::STRIDE) as usize];
+        let at = bounds[(bt + boundary::POSE) as usize] + now * bounds[(bt + boundary::STRIDE) as usize];
         let n = V3 { x: nx[best as usize], y: ny[best as usize], z: nz[best as usize] };
         let distance = far[best as usize];
         let mut shadowed = false;
@@ -475,7 +501,7 @@ pub fn surfaces_of(
                     slip,
                 },
                 pairs,
-                table + material * materials + partner,
+                table + turn[3] * materials + partner,
                 dt,
                 comptime!(s.laws),
             );
@@ -520,14 +546,15 @@ pub fn surfaces_of(
                     push[(out + 1u32) as usize] = four(torque.x, torque.y, torque.z, 0.0f32);
                 }
             } else {
-                overflow[halt_at as usize].fetch_max(halt::CONTACTS);
+                flags[(stops + flag::HALT) as usize].fetch_max(halt::CONTACTS);
+                flags[(stops + flag::WHO) as usize].fetch_min(hi_ref[3]);
             }
             slots += 1u32;
         }
     }
     if comptime!(purpose == Purpose::Step) {
         if row != NONE {
-            row_count[(rows_to * row_room + row) as usize] = min(slots, SLOTS);
+            row_count[((1u32 - parity) * row_room + row) as usize] = min(slots, SLOTS);
         }
     }
     Sums {

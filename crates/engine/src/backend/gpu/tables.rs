@@ -1,11 +1,10 @@
 //! What kernels look up: worlds, pairs of materials, boundaries, meshes and poses, as words.
 
 use super::layout::{BLOCK, IMAGE_ZERO, NONE, SLICE, boundary, pose, status, world};
-use crate::lattice::{Lattice, UNITS, norm, sub};
+use crate::backend::common::{runaway_distance, strays};
 use crate::setup::{BoundaryShape, Constants, SKIN_MIN};
-use crate::spec::{Pose, Vec3};
 use crate::state::Progress;
-use crate::surface::{Placed, rotate};
+use crate::surface::{Placed, Span, rotate};
 
 /// What a world has room for.
 #[derive(Clone, Copy, Debug)]
@@ -88,7 +87,7 @@ pub fn world_row(c: &Constants, r: &Region, series: u32) -> Vec<u32> {
     put(&mut w, world::EXTENT + 3, &l.extent.map(|e| e as u32));
     let f = |x: f64| (x as f32).to_bits();
     let limit = if c.spec.guards.overlap_stops { c.spec.guards.overlap_limit } else { f64::INFINITY };
-    let far = super::super::common::runaway_distance(c);
+    let far = runaway_distance(c);
     put(&mut w, world::DT, &[f(c.dt)]);
     put(&mut w, world::GRAVITY, &c.spec.gravity.map(f));
     put(&mut w, world::DAMPING, &[f(c.spec.local_damping), f(far * far), f(limit)]);
@@ -173,30 +172,12 @@ impl Meshes {
     }
 }
 
-/// Where surfaces stand in the steps of a job.
-pub struct Poses {
-    /// Poses as words.
-    pub words: Vec<u32>,
-}
-
-/// A place in windows, fractions and rests, not wrapped.
-fn encode(l: &Lattice, x: Vec3) -> [u32; 9] {
-    let d = sub(x, l.origin);
-    let mut out = [0; 9];
-    for k in 0..3 {
-        let units: f64 = (0..3).map(|r| l.inverse[k][r] * d[r]).sum();
-        let whole = units.round();
-        let hi = (whole / UNITS).floor();
-        out[k] = hi as i64 as i32 as u32;
-        out[3 + k] = (whole - hi * UNITS) as u64 as u32;
-        out[6 + k] = ((units - whole) as f32).to_bits();
-    }
-    out
-}
-
 fn words(c: &Constants, b: usize, placed: &Placed, present: bool, path: f64) -> [u32; pose::WORDS as usize] {
     let mut w = [0; pose::WORDS as usize];
-    put(&mut w, pose::ORIGIN, &encode(&c.lattice, placed.pose.translation));
+    let origin = c.lattice.encode_beside(placed.pose.translation);
+    put(&mut w, pose::ORIGIN, &origin.hi.map(|h| h as u32));
+    put(&mut w, pose::ORIGIN + 3, &origin.lo);
+    put(&mut w, pose::ORIGIN + 6, &origin.rest.map(f32::to_bits));
     let columns =
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|e| rotate(placed.pose.rotation, e));
     for k in 0..9 {
@@ -220,101 +201,60 @@ fn words(c: &Constants, b: usize, placed: &Placed, present: bool, path: f64) -> 
     w
 }
 
-/// Corners of what moves with boundary `b`, in its frame: a rigid body strays most at one of them.
-fn corners(c: &Constants, b: usize, reference: &Pose) -> Vec<Vec3> {
-    match &c.boundaries[b].shape {
-        BoundaryShape::Mesh(_, bvh) => bvh.corners().map_or_else(Vec::new, |x| x.to_vec()),
-        BoundaryShape::Plane(_) => c.spec.domain.corners().iter().map(|x| reference.inverse(*x)).collect(),
-    }
-}
-
-fn farthest(corners: &[Vec3], a: &Pose, b: &Pose) -> f64 {
-    corners.iter().map(|x| norm(sub(a.apply(*x), b.apply(*x)))).fold(0.0, f64::max)
-}
-
-/// The images of particles that may meet boundary `b` at a pose, widening `range`.
-fn images(c: &Constants, b: usize, corners: &[Vec3], at: &Pose, range: &mut [[i32; 2]; 3]) {
-    let BoundaryShape::Mesh(..) = &c.boundaries[b].shape else { return };
-    let l = &c.lattice;
-    for k in (0..3).filter(|&k| l.periodic[k]) {
-        let span = f64::from(l.windows[k]) * UNITS;
-        let reach = c.cutoff() / (l.height[k] * f64::from(l.windows[k]));
-        for x in corners {
-            let d = sub(at.apply(*x), l.origin);
-            let s = (0..3).map(|r| l.inverse[k][r] * d[r]).sum::<f64>() / span;
-            range[k][0] = range[k][0].min((s - reach).floor() as i32);
-            range[k][1] = range[k][1].max((s + reach).floor() as i32);
-        }
-    }
-}
-
-impl Poses {
-    /// None yet.
-    pub fn new() -> Self {
-        Self { words: Vec::new() }
-    }
-
-    /// Adds the poses of a world's boundaries at `steps + 1` successive steps from that of `g` on, or the
-    /// reference poses of its lists; completes its rows of the table of boundaries. Says whether images of
-    /// particles can be told everywhere that a mesh goes.
-    pub fn add(
-        &mut self,
-        c: &Constants,
-        g: &Progress,
-        steps: u64,
-        reference: bool,
-        rows: &mut [u32],
-    ) -> bool {
-        let mut fine = true;
-        for (b, row) in rows.chunks_exact_mut(boundary::WORDS as usize).enumerate() {
-            let bound = &c.boundaries[b];
-            let begin = self.words.len();
-            let mut range = [[0_i32; 2]; 3];
-            let stride = match bound.surface {
-                None => {
-                    let placed = Placed { pose: bound.pose, ..Placed::default() };
-                    self.words.extend_from_slice(&words(c, b, &placed, true, 0.0));
-                    0
+/// Appends the poses of a world's boundaries at `steps + 1` successive steps from that of `g` on, or the reference poses
+/// of its lists; completes its rows of the table of boundaries. Says whether images of particles can be told everywhere
+/// that a mesh goes.
+pub fn stand(
+    poses: &mut Vec<u32>,
+    c: &Constants,
+    g: &Progress,
+    steps: u64,
+    reference: bool,
+    rows: &mut [u32],
+) -> bool {
+    let mut fine = true;
+    for (b, row) in rows.chunks_exact_mut(boundary::WORDS as usize).enumerate() {
+        let bound = &c.boundaries[b];
+        row[boundary::POSE as usize] = poses.len() as u32;
+        row[boundary::STRIDE as usize] = 0;
+        let mut range = [[0_i32; 2]; 3];
+        if let Some(s) = bound.surface {
+            let state = &g.surfaces[s];
+            let moves = state.present && !reference && !c.motion(s, g.stage).is_fixed();
+            if moves {
+                row[boundary::STRIDE as usize] = pose::WORDS;
+            }
+            let mut path = 0.0;
+            let mut before = state.reference;
+            for step in 0..=if moves { steps } else { 0 } {
+                let mut placed = state.placed_at(c, s, g.stage, g.step + step);
+                if reference {
+                    placed.pose = state.reference;
                 }
-                Some(s) => {
-                    let state = &g.surfaces[s];
-                    let present = state.present;
-                    let far = corners(c, b, &state.reference);
-                    let at = |step: u64| {
-                        if present {
-                            let time = (step - state.since) as f64 * c.dt;
-                            c.motion(s, g.stage).at(&state.base, time)
-                        } else {
-                            Placed { pose: state.base, ..Placed::default() }
-                        }
-                    };
-                    let moves = present && !reference && !c.motion(s, g.stage).is_fixed();
-                    let mut path = 0.0;
-                    let mut before = state.reference;
-                    for step in 0..=if moves { steps } else { 0 } {
-                        let mut placed = at(g.step + step);
-                        if reference {
-                            placed.pose = state.reference;
-                        }
-                        path += farthest(&far, &placed.pose, &before);
-                        before = placed.pose;
-                        images(c, b, &far, &placed.pose, &mut range);
-                        self.words.extend_from_slice(&words(c, b, &placed, present, path));
+                path += strays(c, bound, &before, &placed.pose);
+                before = placed.pose;
+                if let BoundaryShape::Mesh(_, bvh) = &bound.shape
+                    && let Some(span) = Span::new(c, bvh, &placed.pose)
+                {
+                    for k in 0..3 {
+                        let [low, high] = span.all_images(c, k, c.cutoff());
+                        range[k] = [range[k][0].min(low), range[k][1].max(high)];
                     }
-                    if moves { pose::WORDS } else { 0 }
                 }
-            };
-            row[boundary::POSE as usize] = begin as u32;
-            row[boundary::STRIDE as usize] = stride;
-            for k in 0..3 {
-                for (end, at) in range[k].into_iter().zip([0, 3]) {
-                    fine &= (-IMAGE_ZERO..IMAGE_ZERO).contains(&end);
-                    row[boundary::IMAGES as usize + at + k] = (end + IMAGE_ZERO) as u32;
-                }
+                poses.extend_from_slice(&words(c, b, &placed, state.present, path));
+            }
+        } else {
+            let placed = Placed { pose: bound.pose, ..Placed::default() };
+            poses.extend_from_slice(&words(c, b, &placed, true, 0.0));
+        }
+        for k in 0..3 {
+            for (end, at) in range[k].into_iter().zip([0, 3]) {
+                fine &= (-IMAGE_ZERO..IMAGE_ZERO).contains(&end);
+                row[boundary::IMAGES as usize + at + k] = (end + IMAGE_ZERO) as u32;
             }
         }
-        fine
     }
+    fine
 }
 
 /// A world's row of states.
