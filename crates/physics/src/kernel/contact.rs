@@ -70,7 +70,7 @@ pub struct Separation {
 #[inline(always)]
 pub fn separation(d: V3, ri: f32, rj: f32) -> Separation {
     let d2 = dot(d, d);
-    let distance = f32::sqrt(d2);
+    let distance = root(d2);
     let sum = ri + rj;
     Separation { n: scaled(d, 1.0f32 / distance), distance, delta: (sum * sum - d2) / (sum + distance) }
 }

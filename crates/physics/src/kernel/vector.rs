@@ -60,5 +60,5 @@ pub fn cross(a: V3, b: V3) -> V3 {
 #[cfg_attr(feature = "gpu", cube)]
 #[inline(always)]
 pub fn length(a: V3) -> f32 {
-    f32::sqrt(dot(a, a))
+    root(dot(a, a))
 }

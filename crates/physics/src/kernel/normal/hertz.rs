@@ -31,11 +31,11 @@ impl Law for Hertz {
 impl Normal for Hertz {
     #[inline(always)]
     fn force(k: &Coefficients, c: Touch) -> NormalForce {
-        let stiffness = k.a * f32::sqrt(c.r_eff * c.delta);
+        let stiffness = k.a * root(c.r_eff * c.delta);
         let elastic = (2.0f32 / 3.0f32) * stiffness * c.delta;
         NormalForce {
             elastic,
-            viscous: k.b * f32::sqrt(stiffness * c.m_eff) * c.vn,
+            viscous: k.b * root(stiffness * c.m_eff) * c.vn,
             stiffness,
             energy: 0.4f32 * elastic * c.delta,
         }

@@ -55,12 +55,12 @@ impl Law for HertzStiffness {
 impl Normal for HertzStiffness {
     #[inline(always)]
     fn force(k: &Coefficients, c: Touch) -> NormalForce {
-        let root = f32::sqrt(c.delta / c.diameter);
-        let elastic = k.a * root * c.delta;
+        let growth = root(c.delta / c.diameter);
+        let elastic = k.a * growth * c.delta;
         NormalForce {
             elastic,
-            viscous: k.b * root * c.m_eff * c.vn,
-            stiffness: 1.5f32 * k.a * root,
+            viscous: k.b * growth * c.m_eff * c.vn,
+            stiffness: 1.5f32 * k.a * growth,
             energy: 0.4f32 * elastic * c.delta,
         }
     }

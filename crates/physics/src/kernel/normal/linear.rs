@@ -60,7 +60,7 @@ impl Normal for Linear {
         let elastic = k.a * c.delta;
         NormalForce {
             elastic,
-            viscous: (k.b * f32::sqrt(c.m_eff) + k.c) * c.vn,
+            viscous: (k.b * root(c.m_eff) + k.c) * c.vn,
             stiffness: k.a,
             energy: 0.5f32 * elastic * c.delta,
         }

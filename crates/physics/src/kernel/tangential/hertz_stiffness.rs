@@ -47,7 +47,7 @@ impl Law for HertzStiffnessTangential {
 impl Tangential for HertzStiffnessTangential {
     #[inline(always)]
     fn spring(k: &Coefficients, c: Touch, _n: NormalForce) -> Spring {
-        let root = f32::sqrt(c.delta / c.diameter);
-        Spring { stiffness: k.a * root, damping: k.b * root * c.m_eff }
+        let growth = root(c.delta / c.diameter);
+        Spring { stiffness: k.a * growth, damping: k.b * growth * c.m_eff }
     }
 }

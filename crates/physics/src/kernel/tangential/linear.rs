@@ -50,6 +50,6 @@ impl Law for LinearTangential {
 impl Tangential for LinearTangential {
     #[inline(always)]
     fn spring(k: &Coefficients, c: Touch, _n: NormalForce) -> Spring {
-        Spring { stiffness: k.a, damping: k.b * f32::sqrt(c.m_eff) + k.c }
+        Spring { stiffness: k.a, damping: k.b * root(c.m_eff) + k.c }
     }
 }

@@ -28,7 +28,7 @@ impl Law for Mindlin {
 impl Tangential for Mindlin {
     #[inline(always)]
     fn spring(k: &Coefficients, c: Touch, _n: NormalForce) -> Spring {
-        let stiffness = k.a * f32::sqrt(c.r_eff * c.delta);
-        Spring { stiffness, damping: k.b * f32::sqrt(stiffness * c.m_eff) }
+        let stiffness = k.a * root(c.r_eff * c.delta);
+        Spring { stiffness, damping: k.b * root(stiffness * c.m_eff) }
     }
 }
