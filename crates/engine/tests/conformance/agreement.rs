@@ -8,7 +8,7 @@ use glebe_engine::spec::{Domain, Pose, Side, Vec3, WorldSpec};
 use glebe_physics::{ContactEnd, ContactModel, History, IntegratorKind, LawChoice, Material};
 
 use crate::support::{
-    Body, REFERENCE, Random, Run, Subject, all_combinations, grain, label, mesh, open_world,
+    Body, CPU, REFERENCE, Random, Run, Subject, all_combinations, grain, label, mesh, open_world,
 };
 
 const SIZE: f64 = 0.030;
@@ -25,8 +25,8 @@ fn packed() -> &'static (Vec<f64>, Vec<Vec3>) {
     })
 }
 
-/// The packing in walls along y, on a zigzag mesh, of two materials, all moving and spinning.
-fn world(contact: ContactModel) -> WorldSpec {
+/// The packing `copies` times over along x, in walls along y, on a zigzag mesh, of two materials, all moving and spinning.
+fn world(contact: ContactModel, copies: usize) -> WorldSpec {
     const PRESSED: f64 = 0.98;
     let (radii, positions) = packed();
     let other = Material {
@@ -40,13 +40,16 @@ fn world(contact: ContactModel) -> WorldSpec {
     w.materials.push(other);
     let side = SIZE * PRESSED;
     let sides = [[Side::Periodic; 2], [Side::Wall; 2], [Side::Open; 2]];
-    w.domain = Domain::aligned([0.0, 0.0, -0.01], [side, side, 0.08], sides, Some(1));
+    let long = copies as f64 * side;
+    w.domain = Domain::aligned([0.0, 0.0, -0.01], [long, side, 0.08], sides, Some(1));
     w.contact = contact;
     w.gravity = [0.0, 0.0, -9.81];
     let mut r = Random(9);
-    for (i, x) in positions.iter().enumerate() {
-        let x = x.map(|c| c * PRESSED);
-        w.particles.push_moving(x, radii[i], i % 2, r.vector(0.2), r.vector(100.0));
+    for copy in 0..copies {
+        for (i, x) in positions.iter().enumerate() {
+            let x = add(x.map(|c| c * PRESSED), [copy as f64 * side, 0.0, 0.0]);
+            w.particles.push_moving(x, radii[i], i % 2, r.vector(0.2), r.vector(100.0));
+        }
     }
     // Ridges along x that end where the period ends.
     let rows = 12;
@@ -54,7 +57,7 @@ fn world(contact: ContactModel) -> WorldSpec {
     for k in 0..=rows {
         let y = side * f64::from(k) / f64::from(rows);
         let z = if k % 2 == 0 { 1e-4 } else { 6e-4 };
-        vertices.extend([[0.0, y, z], [side, y, z]]);
+        vertices.extend([[0.0, y, z], [long, y, z]]);
     }
     for k in 0..rows as u32 {
         triangles.extend([[2 * k, 2 * k + 1, 2 * k + 2], [2 * k + 1, 2 * k + 3, 2 * k + 2]]);
@@ -68,47 +71,64 @@ pub fn one_step_forces_equal_the_reference(on: &Subject) {
         contact.end = [ContactEnd::Tension, ContactEnd::NoTension][k % 2];
         contact.history = [History::Truncated, History::Unbounded, History::None][k % 3];
         let name = label(&contact);
-        let mut spec = world(contact);
+        let mut spec = world(contact, 1);
         spec.time.integrator = IntegratorKind::ALL[k % 4];
         spec.local_damping = if k % 5 == 0 { 0.2 } else { 0.0 };
         let mut run = Run::new(on, spec);
         run.steps(10);
         let mut reference = Run::resume(&REFERENCE, run.c.clone(), run.state());
-        let detail = reference.detail();
-        assert!(detail.network.len() > 700, "{name}: only {} contacts", detail.network.len());
-        assert!(reference.moment().surface_contacts > 40);
-        let mut sizes = vec![0.0; 400];
-        for (ids, f) in &detail.network {
-            for i in ids {
-                sizes[*i as usize] += norm(f.map(f64::from));
-            }
+        one_step_agrees(on, &name, 1, &mut run, &mut reference);
+    }
+}
+
+/// Blocks of a device are shaped by the number of particles: a few to a block, one to a unit, surfaces together with
+/// pairs and apart.
+pub fn crowds_step_as_on_the_cpu(on: &Subject) {
+    let contact = ContactModel { rolling: LawChoice::named("constant-torque"), ..ContactModel::default() };
+    for copies in [3, 43, 165] {
+        let mut run = Run::new(on, world(contact.clone(), copies));
+        run.steps(3);
+        let mut other = Run::resume(&CPU, run.c.clone(), run.state());
+        one_step_agrees(on, &format!("{copies} copies"), copies, &mut run, &mut other);
+    }
+}
+
+/// One more step gives the same forces and torques on either side.
+fn one_step_agrees(on: &Subject, name: &str, copies: usize, run: &mut Run, reference: &mut Run) {
+    let detail = reference.detail();
+    assert!(detail.network.len() > 700 * copies, "{name}: only {} contacts", detail.network.len());
+    assert!(reference.moment().surface_contacts > 40 * copies as u64);
+    let mut sizes = vec![0.0; 400 * copies];
+    for (ids, f) in &detail.network {
+        for i in ids {
+            sizes[*i as usize] += norm(f.map(f64::from));
         }
-        run.steps(1);
-        reference.steps(1);
-        for (i, (a, b)) in run.bodies().iter().zip(reference.bodies()).enumerate() {
-            // What the network does not hold, contacts with surfaces, is at most this.
-            let size = 2.0 * sizes[i] + norm(b.force);
-            let off = norm(sub(a.force, b.force));
-            assert!(
-                off <= on.bounds.force * size,
-                "{name}: force on {i} off by {:.2e} of {size:.3e} N",
-                off / size
-            );
-            let off = norm(sub(a.torque, b.torque));
-            let size = size * b.radius;
-            assert!(
-                off <= on.bounds.torque * size,
-                "{name}: torque on {i} off by {:.2e} of {size:.3e} N m",
-                off / size
-            );
-        }
+    }
+    run.steps(1);
+    reference.steps(1);
+    for (i, (a, b)) in run.bodies().iter().zip(reference.bodies()).enumerate() {
+        // What the network does not hold, contacts with surfaces, is at most this.
+        let size = 2.0 * sizes[i] + norm(b.force);
+        let off = norm(sub(a.force, b.force));
+        assert!(
+            off <= on.bounds.force * size,
+            "{name}: force on {i} off by {:.2e} of {size:.3e} N",
+            off / size
+        );
+        let off = norm(sub(a.torque, b.torque));
+        let size = size * b.radius;
+        assert!(
+            off <= on.bounds.torque * size,
+            "{name}: torque on {i} off by {:.2e} of {size:.3e} N m",
+            off / size
+        );
     }
 }
 
 pub fn short_trajectories_equal_the_reference(on: &Subject) {
     let contact = ContactModel { rolling: LawChoice::named("constant-torque"), ..ContactModel::default() };
-    let mut run = Run::new(on, world(contact.clone()));
-    let mut reference = Run::new(&REFERENCE, world(contact));
+    let mut run = Run::new(on, world(contact.clone(), 1));
+    let mut reference = Run::new(&REFERENCE, world(contact, 1));
     run.steps(200);
     reference.steps(200);
     let b = reference.bodies();

@@ -99,6 +99,7 @@ macro_rules! agreement_suite {
         mod $module {
             tests! { $subject, {};
                 agreement::short_trajectories_equal_the_reference,
+                agreement::crowds_step_as_on_the_cpu,
                 precision::forces_of_a_packing_at_50_pa_equal_the_reference,
                 bits::threads_change_no_bit,
             }

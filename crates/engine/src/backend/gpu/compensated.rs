@@ -28,7 +28,7 @@ pub struct Two3 {
 }
 
 /// `a + b` that no compiler can look into. Drivers are free to simplify `(a + b) - a`, and Mesa does; a factor
-/// of one that is known at run time only, the depth of the grid, keeps them from it.
+/// of one that is known at run time only, the depth of the grid, keeps them from it, and from taking the sum apart.
 #[cube]
 fn added(a: f32, b: f32) -> f32 {
     fma(a, f32::cast_from(CUBE_COUNT_Z), b)
@@ -51,7 +51,9 @@ fn leading(a: f32) -> f32 {
 /// `a b`, exactly.
 #[cube]
 pub fn product(a: f32, b: f32, #[comptime] fused: bool) -> Two {
-    let h = a * b;
+    // A compiler that takes the rounded product for an exact one and fuses it into a later sum (nvcc does) would have
+    // that sum lose `l`, or count it twice.
+    let h = added(a * b, 0.0f32);
     let l = if comptime!(fused) {
         fma(a, b, 0.0f32 - h)
     } else {
@@ -89,6 +91,13 @@ pub fn minus2(a: Two, b: Two) -> Two {
 pub fn times2(a: Two, b: Two, #[comptime] fused: bool) -> Two {
     let p = product(a.h, b.h, fused);
     tidy(p.h, p.l + (a.h * b.l + a.l * b.h))
+}
+
+/// `a b`, the rest not brought into form.
+#[cube]
+pub fn times2_loose(a: Two, b: Two, #[comptime] fused: bool) -> Two {
+    let p = product(a.h, b.h, fused);
+    Two { h: p.h, l: p.l + (a.h * b.l + a.l * b.h) }
 }
 
 /// `a s` with a plain factor.
@@ -145,16 +154,36 @@ pub struct Gap {
     pub delta: f32,
 }
 
+/// `a - b` for 0 ≤ b ≤ a, exactly.
+#[cube]
+fn less(a: f32, b: f32) -> Two {
+    let h = added(a, 0.0f32 - b);
+    Two { h, l: (a - h) - b }
+}
+
+/// `a²`
+#[cube]
+fn squared(a: Two, #[comptime] fused: bool) -> Two {
+    let p = product(a.h, a.h, fused);
+    Two { h: p.h, l: p.l + 2.0f32 * a.h * a.l }
+}
+
 /// See [`Gap`].
 #[cube]
 pub fn gap(d: Two3, reach: Two, #[comptime] fused: bool) -> Gap {
-    let d2 = dot2(d, d, fused);
-    let distance = f32::sqrt(d2.h);
-    let left = minus2(times2(reach, reach, fused), d2);
-    let inverse = 1.0f32 / f32::max(distance, 1.0e-30f32);
+    let (x, y, z) = (squared(d.x, fused), squared(d.y, fused), squared(d.z, fused));
+    let reach2 = squared(reach, fused);
+    let d2 = x.h + y.h + z.h;
+    // Where bodies touch no square is larger than what it is taken from; elsewhere the digits do not matter.
+    let a = less(reach2.h, x.h);
+    let b = less(a.h, y.h);
+    let c = less(b.h, z.h);
+    let rests = ((a.l + b.l) + c.l) + ((reach2.l - x.l) - (y.l + z.l));
+    let inverse = f32::inverse_sqrt(f32::max(d2, 1.0e-37f32));
+    let distance = d2 * inverse;
     Gap {
         n: V3 { x: d.x.h * inverse, y: d.y.h * inverse, z: d.z.h * inverse },
         distance,
-        delta: left.h / (reach.h + distance),
+        delta: (c.h + rests) / (reach.h + distance),
     }
 }

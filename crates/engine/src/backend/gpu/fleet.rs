@@ -9,8 +9,8 @@ use glebe_physics::IntegratorKind;
 
 use super::device::{Buffer, Device, MOST_BLOCKS, QUAD, grid};
 use super::layout::{
-    BLOCK, FACET_WORDS, LOOK, MERGED, NONE, PAIR_QUADS, PARTNER, REFER, RELIST, SECOND, SIGHTS, SLICE, SLOTS,
-    SUMS, Signature, TOUCHING, boundary, flag, halt, status,
+    BLOCK, FACET_WORDS, LOOK, MERGED, NONE, PAIR_QUADS, PARTNER, PERIOD, REFER, RELIST, SECOND, SIGHTS,
+    SLICE, SLOTS, SUMS, Shape, Signature, TOUCHING, boundary, flag, halt, status,
 };
 use super::step::Purpose;
 use super::tables::{Meshes, Region, Rooms, cell_room, pair_quads, stand, status_row, world_row};
@@ -26,8 +26,6 @@ use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, Surfa
 const STRETCH: u64 = 1024;
 /// Stretches of so few steps are attended: lists are rebuilt only when they have to be.
 const ATTENDED: u64 = 16;
-/// Launches of steps before lists are looked after, at first.
-const GROUP: u32 = 24;
 
 /// Worlds on a device.
 pub struct GpuFleet<R: Runtime> {
@@ -55,6 +53,8 @@ struct Group {
     series_at: Vec<usize>,
     /// Launches of steps between two looks at lists.
     launches: u32,
+    /// Most surfaces of a world whose forces are kept.
+    names: u32,
     b: Buffers,
     times: PhaseTimes,
 }
@@ -113,6 +113,7 @@ fn signature(c: &Constants, fused: bool) -> Signature {
         surfaces: !c.boundaries.is_empty(),
         damping: c.spec.local_damping > 0.0,
         merged: c.count <= MERGED,
+        shape: Shape::of(c.count),
         orthogonal: c.lattice.orthogonal,
         fused,
     }
@@ -371,6 +372,7 @@ impl Group {
             regions.iter().enumerate().flat_map(|(w, r)| vec![w as u32; blocks(r) as usize]).collect()
         };
         let n = padded as usize;
+        let names = worlds.iter().map(|(c, _)| c.spec.surfaces.len()).max().unwrap_or(0);
         let [entries, row_room, facet_room] = begins.map(|x| x as usize);
         let b = Buffers {
             world_of: device.upload(&[per(&|r| r.blocks), per(&|r| r.rooms.rows / BLOCK)].concat()),
@@ -398,11 +400,14 @@ impl Group {
             facets: device.zeros(2 * FACET_WORDS as usize * facet_room, 4),
             row_count: device.zeros(2 * row_room, 4),
             row_mem: device.zeros(4 * row_room * SLOTS as usize, QUAD),
-            push: device.zeros(2 * row_room * SLOTS as usize, QUAD),
+            push: device.zeros(
+                2 * (row_room * SLOTS as usize + row_room.div_ceil(signature.rows_of_block()) * names),
+                QUAD,
+            ),
             row_sums: device
                 .zeros(if signature.merged { 1 } else { (row_room + 1) * step::ROW_QUADS as usize }, QUAD),
             sums: device.zeros(1, 4),
-            sights: device.zeros((n + row_room) / BLOCK as usize * SIGHTS as usize, 4),
+            sights: device.zeros((n + row_room) / signature.shape.owners as usize * SIGHTS as usize, 4),
             series: device.zeros(1, 4),
             bins: device.zeros(n, 4),
             counters: device.zeros(cells as usize, 4),
@@ -429,7 +434,8 @@ impl Group {
             rooms: begins,
             bound_rows: meshes.rows,
             series_at: vec![0; worlds.len()],
-            launches: GROUP,
+            launches: PERIOD,
+            names: names as u32,
             b,
             times: PhaseTimes::default(),
         }
@@ -719,9 +725,12 @@ impl Group {
         let mut left_over = longest as u32;
         let attended = longest <= ATTENDED;
         loop {
-            let groups = left_over.div_ceil(self.launches).max(1);
-            for _ in 0..groups {
-                let k = self.launches.min(left_over.max(1));
+            // Groups end where lists do.
+            let age = jobs.iter().map(|(w, _)| self.state_word(*w, status::SINCE)).max().unwrap_or(0);
+            let mut next = self.launches.min(PERIOD.saturating_sub(age).max(1));
+            while left_over > 0 {
+                let k = next.min(left_over);
+                next = self.launches;
                 for launch in 0..k {
                     self.step(device, launch);
                 }
@@ -745,7 +754,7 @@ impl Group {
             (0..self.worlds.len()).map(|w| self.state_word(w, status::REBUILDS)).max().unwrap_or(0);
         // About as many launches as steps between rebuilds: it decides how much is done in vain, never what
         // comes out.
-        self.launches = (longest as u32 / (rebuilds + 1)).clamp(8, 128);
+        self.launches = (longest as u32).checked_div(rebuilds).unwrap_or(PERIOD).clamp(8, PERIOD);
         self.finish(device, jobs, left, &flags, split);
         self.times.device += began.elapsed().as_secs_f64();
     }
@@ -958,14 +967,15 @@ impl Group {
                     CubeDim::new_1d(BLOCK),
                     k,
                     self.rooms[1],
+                    self.names,
                     b.worlds.arg(),
                     b.states.arg(),
                     b.flags.arg(),
                     b.bounds.arg(),
                     b.poses.arg(),
-                    b.row_count.arg(),
                     b.push.arg(),
                     b.series.arg(),
+                    self.signature.rows_of_block() as u32,
                 );
             }
         }
@@ -978,13 +988,15 @@ impl Group {
 
     /// Blocks of a step: of all particles, then of those near surfaces.
     fn blocks(&self) -> usize {
-        ((self.padded + if self.near_blocks() { self.rooms[1] } else { 0 }) / BLOCK) as usize
+        ((self.padded + if self.near_blocks() { self.rooms[1] } else { 0 }) / self.signature.shape.owners)
+            as usize
     }
 
     /// The blocks of a world.
     fn blocks_of(&self, w: usize) -> impl Iterator<Item = usize> + use<> {
         let r = &self.regions[w];
-        let of = |first: u32, count: u32| (first / BLOCK) as usize..((first + count) / BLOCK) as usize;
+        let owners = self.signature.shape.owners;
+        let of = |first: u32, count: u32| (first / owners) as usize..((first + count) / owners) as usize;
         let near = if self.near_blocks() { r.rooms.rows } else { 0 };
         of(r.first, r.blocks * BLOCK).chain(of(self.padded + r.begins[1], near))
     }
@@ -1003,6 +1015,7 @@ impl Group {
                     self.padded,
                     self.rooms[1],
                     self.rooms[2],
+                    self.names,
                     b.world_of.arg(),
                     b.worlds.arg(),
                     b.states.arg(),
@@ -1030,12 +1043,14 @@ impl Group {
             step::step::launch_unchecked::<R>(
                 device.client(),
                 grid(self.blocks()),
-                CubeDim::new_1d(BLOCK),
+                CubeDim::new_1d(self.signature.shape.units),
                 k,
+                self.blocks() as u32,
                 self.padded,
                 self.rooms[0],
                 self.rooms[1],
                 self.rooms[2],
+                self.names,
                 b.world_of.arg(),
                 b.worlds.arg(),
                 b.states.arg(),
@@ -1244,6 +1259,7 @@ impl Group {
                 b.lists.arg(),
                 b.widths.arg(),
                 b.nbr.arg(),
+                self.signature.orthogonal,
             );
             self.sum(device, n / SLICE, &b.widths, &b.width_starts);
             lists::fill::launch_unchecked::<R>(
@@ -1265,6 +1281,7 @@ impl Group {
                 b.lists.arg(),
                 b.nbr.arg(),
                 b.hist.arg(),
+                self.signature.orthogonal,
             );
             if self.signature.surfaces {
                 self.rebuild_rows(device);

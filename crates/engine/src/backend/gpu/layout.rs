@@ -4,6 +4,7 @@
 //! step writes exist twice: a step reads one half and writes the other, and so does a rebuild, so that a
 //! world's halves are told by its own two parities and no world waits for another.
 
+use cubecl::ir::features::EnumSet;
 use cubecl::prelude::*;
 use glebe_physics::{IntegratorKind, Laws};
 
@@ -33,6 +34,12 @@ pub const REFER: u32 = 2;
 /// Asked of a world: energies and counts.
 pub const LOOK: u32 = 3;
 
+/// What kernels of contacts may do: quotients may be products with rounded reciprocals, two units in the last place, as
+/// in the shading languages, at a quarter of the price.
+pub fn quick() -> EnumSet<FastMath> {
+    FastMath::AllowReciprocal | FastMath::ReducedPrecision | FastMath::UnsignedZero | FastMath::NotInf
+}
+
 /// What kernels are specialised for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Signature {
@@ -49,10 +56,40 @@ pub struct Signature {
     /// Whether a step is one launch, contacts with surfaces included. It saves the time of a launch, which small
     /// worlds consist of, but takes so many registers that large ones are faster with two.
     pub merged: bool,
+    /// What a block of a step is.
+    pub shape: Shape,
     /// Whether the cell is a box along the axes.
     pub orthogonal: bool,
     /// Whether the device's `fma` is fused.
     pub fused: bool,
+}
+
+impl Signature {
+    /// Particles near surfaces that share a block.
+    pub fn rows_of_block(&self) -> usize {
+        (if self.merged { self.shape.owners } else { BLOCK }) as usize
+    }
+}
+
+/// What a block of a step is. Its units share the contacts of the particles that it owns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Shape {
+    /// Particles.
+    pub owners: u32,
+    /// Units.
+    pub units: u32,
+}
+
+impl Shape {
+    /// The shape for a world. Most are best served by a unit for each particle, in blocks so small that none waits long
+    /// for another; where particles are too few to fill a device, more units shorten the longest chain.
+    pub fn of(count: usize) -> Self {
+        match count {
+            1025..=16_384 => Self { owners: SLICE, units: BLOCK },
+            0..=1024 => Self { owners: SLICE, units: SLICE },
+            _ => Self { owners: 2 * SLICE, units: 2 * SLICE },
+        }
+    }
 }
 
 /// F4 of a pair of materials: normal, tangential, rolling, cohesion, friction, clip.
@@ -240,6 +277,10 @@ pub mod pose {
     pub const PATH: u32 = 40;
 }
 
+/// Steps after which lists are made anew even where they still hold. Then worlds and the host, which launches as many
+/// steps before it looks after lists, keep pace, and hardly any launch is in vain.
+pub const PERIOD: u32 = 64;
+
 /// Most particles of a world whose steps are one launch.
 pub const MERGED: usize = 65_536;
 /// Contacts of a particle with surfaces that are remembered.
@@ -271,5 +312,6 @@ pub fn active(status: &Array<u32>, flags: &Array<Atomic<u32>>, w: u32, k: u32) -
     let stale = flags[(f + flag::STALE) as usize].load();
     let base = status[(s + status::BASE) as usize];
     let target = status[(s + status::TARGET) as usize];
-    k <= stale && base + k < target
+    let since = status[(s + status::SINCE) as usize];
+    k <= stale && base + k < target && since + k < PERIOD
 }

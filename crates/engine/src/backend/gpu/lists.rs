@@ -7,11 +7,16 @@
 use cubecl::prelude::*;
 
 use super::layout::{
-    BLOCK, F4, NONE, PARTNER, RELIST, SECOND, SLICE, TOUCHING, U4, flag, float_at, halt, status, world,
+    BLOCK, F4, NONE, PARTNER, PERIOD, RELIST, SECOND, SLICE, TOUCHING, U4, flag, float_at, halt, status,
+    world,
 };
-use super::step::square;
-use crate::setup::{REBUILT_LATE, REBUILT_SOON, SKIN_MAX, SKIN_MIN, SKIN_NARROWER, SKIN_WIDER};
+use super::step::apart2;
+use crate::setup::{REBUILT_SOON, SKIN_MAX, SKIN_MIN, SKIN_WIDER};
 
+/// Skin, as a share of the mean radius, up to which lists are to last for [`PERIOD`].
+const WIDE: f32 = 0.4;
+/// What a skin that lasted shrinks by.
+const NARROWER: f32 = 0.97;
 /// Share that rounding may take of a cell.
 const MARGIN: f32 = 1.0e-4;
 
@@ -34,28 +39,30 @@ pub fn begin(
         let base = states[(s + status::BASE) as usize];
         let left = states[(s + status::TARGET) as usize] - base;
         let asked = states[(s + status::ASKED) as usize];
-        let outdated = stale != NONE;
-        let done = select(outdated, min(min(stale, group) + 1u32, left), min(group, left));
+        let before = states[(s + status::SINCE) as usize];
+        let most = min(min(group, left), PERIOD - min(before, PERIOD));
+        let done = select(stale != NONE, min(stale + 1u32, most), most);
         states[(s + status::BASE) as usize] = base + done;
         states[(s + status::PARITY) as usize] = (states[(s + status::PARITY) as usize] + done) & 1u32;
-        let since = states[(s + status::SINCE) as usize] + done;
+        let since = before + done;
         states[(s + status::SINCE) as usize] = since;
         if done > 0u32 {
             states[(s + status::PRIMED) as usize] = 1u32;
         }
-        let rebuilds = (outdated || asked > 0u32) && !stopped;
+        let early = stale != NONE && since < PERIOD;
+        let rebuilds = (early || since >= PERIOD || asked > 0u32) && !stopped;
         states[(s + status::REBUILDING) as usize] = select(rebuilds, 1u32, 0u32);
         if rebuilds {
             let mean = float_at(worlds, c + world::RADIUS_MEAN);
             let skin = float_at(states, s + status::SKIN);
-            // Fast flows need a wider reach, creeping ones waste it.
+            // The skin is to last just as long as lists do; of fast flows only where that costs less than rebuilds.
             let mut wanted = skin;
             if asked == 0u32 {
-                if since < comptime!(REBUILT_SOON as u32) {
-                    wanted = f32::min(comptime!(SKIN_WIDER as f32) * skin, comptime!(SKIN_MAX as f32) * mean);
-                } else if since > comptime!(REBUILT_LATE as u32) {
-                    wanted =
-                        f32::max(comptime!(SKIN_NARROWER as f32) * skin, comptime!(SKIN_MIN as f32) * mean);
+                let most = select(since < comptime!(REBUILT_SOON as u32), comptime!(SKIN_MAX as f32), WIDE);
+                if early {
+                    wanted = f32::max(skin, f32::min(comptime!(SKIN_WIDER as f32) * skin, most * mean));
+                } else {
+                    wanted = f32::max(NARROWER * skin, comptime!(SKIN_MIN as f32) * mean);
                 }
             }
             states[(s + status::SKIN) as usize] = u32::reinterpret(wanted);
@@ -301,15 +308,6 @@ pub fn gather(
     }
 }
 
-/// What a visit to a candidate finds.
-#[derive(CubeType, Clone, Copy)]
-struct Found {
-    /// Whether it belongs on the list.
-    listed: bool,
-    /// Whether it touches in the reference configuration.
-    touches: bool,
-}
-
 /// The difference of two places in windows along an axis, to the nearest image, roughly.
 #[cube]
 fn windows_apart(worlds: &Array<u32>, c: u32, hi_a: u32, lo_a: u32, hi_b: u32, lo_b: u32, k: u32) -> f32 {
@@ -324,27 +322,122 @@ fn windows_apart(worlds: &Array<u32>, c: u32, hi_a: u32, lo_a: u32, hi_b: u32, l
     select(periodic, nearest, near)
 }
 
+/// Whether `b` may be a neighbour of `a` and not a particle one window further, which fractions alone do not tell.
 #[cube]
-fn visit(worlds: &Array<u32>, c: u32, refs: &Array<U4>, a: u32, b: u32, skin: f32) -> Found {
-    let lo_a = refs[(2u32 * a) as usize];
-    let hi_a = refs[(2u32 * a + 1u32) as usize];
-    let lo_b = refs[(2u32 * b) as usize];
-    let hi_b = refs[(2u32 * b + 1u32) as usize];
-    // Fractions alone do not tell a neighbour from a particle one window further.
+fn beside(worlds: &Array<u32>, c: u32, lo_a: U4, hi_a: U4, lo_b: U4, hi_b: U4) -> bool {
     let x = windows_apart(worlds, c, hi_a[0], lo_a[0], hi_b[0], lo_b[0], 0u32);
     let y = windows_apart(worlds, c, hi_a[1], lo_a[1], hi_b[1], lo_b[1], 1u32);
     let z = windows_apart(worlds, c, hi_a[2], lo_a[2], hi_b[2], lo_b[2], 2u32);
-    let near = f32::abs(x) < 0.49f32 && f32::abs(y) < 0.49f32 && f32::abs(z) < 0.49f32;
-    let d2 = square(
-        worlds,
-        c,
-        i32::cast_from(lo_b[0] - lo_a[0]),
-        i32::cast_from(lo_b[1] - lo_a[1]),
-        i32::cast_from(lo_b[2] - lo_a[2]),
-    );
-    let touch = f32::reinterpret(lo_a[3]) + f32::reinterpret(lo_b[3]) + float_at(worlds, c + world::RANGE);
-    let reach = (touch + skin) * 1.000_001f32;
-    Found { listed: near && d2 < reach * reach, touches: d2 < touch * touch }
+    f32::abs(x) < 0.49f32 && f32::abs(y) < 0.49f32 && f32::abs(z) < 0.49f32
+}
+
+/// The world's grid as it is now.
+#[derive(CubeType, Clone, Copy)]
+struct Grid {
+    nx: u32,
+    ny: u32,
+    nz: u32,
+    px: bool,
+    py: bool,
+    pz: bool,
+    /// Whether every cell has a place of its own.
+    plain: bool,
+    /// Whether a particle of a neighbouring cell that seems to be near is: windows of three cells tell, since what
+    /// seems to be a window nearer than it is lies a cell away even so.
+    sure: bool,
+}
+
+#[cube]
+fn grid_of(worlds: &Array<u32>, states: &Array<u32>, w: u32) -> Grid {
+    let c = w * world::WORDS;
+    let s = w * status::WORDS + status::CELLS;
+    let (x, y, z) = (states[s as usize], states[(s + 1u32) as usize], states[(s + 2u32) as usize]);
+    let nx = x * worlds[(c + world::WINDOWS) as usize];
+    let ny = y * worlds[(c + world::WINDOWS + 1u32) as usize];
+    let nz = z * worlds[(c + world::WINDOWS + 2u32) as usize];
+    let cells = f32::cast_from(nx) * f32::cast_from(ny) * f32::cast_from(nz);
+    let room = f32::cast_from(worlds[(c + world::CELL_ROOM) as usize]);
+    Grid {
+        nx,
+        ny,
+        nz,
+        px: worlds[(c + world::PERIODIC) as usize] == 1u32,
+        py: worlds[(c + world::PERIODIC + 1u32) as usize] == 1u32,
+        pz: worlds[(c + world::PERIODIC + 2u32) as usize] == 1u32,
+        plain: cells <= room * (1.0f32 - MARGIN),
+        sure: x > 2u32 && y > 2u32 && z > 2u32,
+    }
+}
+
+/// The ends of a list under way: neighbours that touch fill it from the front, the others from the back.
+#[derive(CubeType, Clone, Copy)]
+struct Ends {
+    front: u32,
+    back: u32,
+}
+
+/// Takes the neighbours of `i` among the particles from `begin` to `end`; where cells share places only those of the
+/// cell at `x`, `y`, `z`.
+// Three of them are decided when the kernel is expanded.
+#[allow(clippy::fn_params_excessive_bools)]
+#[cube]
+fn take(
+    begin: u32,
+    end: u32,
+    x: u32,
+    y: u32,
+    z: u32,
+    ends: Ends,
+    i: u32,
+    w: u32,
+    half: u32,
+    from: u32,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    refs: &Array<U4>,
+    own: &Array<U4>,
+    nbr: &mut Array<u32>,
+    sure: bool,
+    #[comptime] shared: bool,
+    #[comptime] writes: bool,
+    #[comptime] orthogonal: bool,
+) -> Ends {
+    let c = w * world::WORDS;
+    let lo = refs[(2u32 * (half + i)) as usize];
+    let r = f32::reinterpret(lo[3]) + float_at(worlds, c + world::RANGE);
+    let skin = float_at(states, w * status::WORDS + status::SKIN);
+    let mut front = ends.front;
+    let mut back = ends.back;
+    for j in begin..end {
+        let there = half + j;
+        let lo_j = refs[(2u32 * there) as usize];
+        let d2 = apart2(worlds, c, lo, lo_j, orthogonal);
+        let touch = r + f32::reinterpret(lo_j[3]);
+        let reach = (touch + skin) * 1.000_001f32;
+        let mut listed = d2 < reach * reach && j != i;
+        if listed && !sure {
+            let hi = refs[(2u32 * (half + i) + 1u32) as usize];
+            let hi_j = refs[(2u32 * there + 1u32) as usize];
+            listed = beside(worlds, c, lo, hi, lo_j, hi_j);
+            if comptime!(shared) {
+                let here = cell_of(worlds, states, w, hi_j[0], lo_j[0], 0u32) == x
+                    && cell_of(worlds, states, w, hi_j[1], lo_j[1], 1u32) == y
+                    && cell_of(worlds, states, w, hi_j[2], lo_j[2], 2u32) == z;
+                listed = listed && here;
+            }
+        }
+        if listed {
+            let touches = d2 < touch * touch;
+            back -= select(touches, 0u32, 1u32);
+            if comptime!(writes) {
+                let second = own[(2u32 * there) as usize][3] < own[(2u32 * (half + i)) as usize][3];
+                let place = select(touches, front, back);
+                nbr[(from + place * SLICE) as usize] = j | select(second, SECOND, 0u32);
+            }
+            front += select(touches, 1u32, 0u32);
+        }
+    }
+    Ends { front, back }
 }
 
 /// Counts neighbours, or writes them: those that touch first, so that the forces' loads lie together.
@@ -362,70 +455,91 @@ fn neighbours(
     own: &Array<U4>,
     nbr: &mut Array<u32>,
     #[comptime] writes: bool,
+    #[comptime] orthogonal: bool,
 ) -> u32 {
     let c = w * world::WORDS;
-    let s = w * status::WORDS;
-    let me = half + i;
-    let lo = refs[(2u32 * me) as usize];
-    let hi = refs[(2u32 * me + 1u32) as usize];
-    let my_id = own[(2u32 * me) as usize][3];
-    let skin = float_at(states, s + status::SKIN);
-    let first = worlds[(c + world::FIRST) as usize];
-    let begin = starts[worlds[(c + world::CELLS) as usize] as usize];
+    let lo = refs[(2u32 * (half + i)) as usize];
+    let hi = refs[(2u32 * (half + i) + 1u32) as usize];
+    let base = worlds[(c + world::CELLS) as usize];
+    // Places of particles are counted from the world's first.
+    let shift = worlds[(c + world::FIRST) as usize] - starts[base as usize];
     let cx = cell_of(worlds, states, w, hi[0], lo[0], 0u32);
     let cy = cell_of(worlds, states, w, hi[1], lo[1], 1u32);
     let cz = cell_of(worlds, states, w, hi[2], lo[2], 2u32);
-    let nx = states[(s + status::CELLS) as usize] * worlds[(c + world::WINDOWS) as usize];
-    let ny = states[(s + status::CELLS + 1u32) as usize] * worlds[(c + world::WINDOWS + 1u32) as usize];
-    let nz = states[(s + status::CELLS + 2u32) as usize] * worlds[(c + world::WINDOWS + 2u32) as usize];
-    let px = worlds[(c + world::PERIODIC) as usize] == 1u32;
-    let py = worlds[(c + world::PERIODIC + 1u32) as usize] == 1u32;
-    let pz = worlds[(c + world::PERIODIC + 2u32) as usize] == 1u32;
-    let mut found = 0u32;
+    let g = grid_of(worlds, states, w);
+    let inner = !g.px || (cx > 0u32 && cx + 1u32 < g.nx);
     let mut front = 0u32;
     let mut back = room;
     for a in 0..3u32 {
-        let z = stepped(cz, a, nz, pz);
+        let z = stepped(cz, a, g.nz, g.pz);
         for b in 0..3u32 {
-            let y = stepped(cy, b, ny, py);
-            for d in 0..3u32 {
-                let x = stepped(cx, d, nx, px);
-                if x != NONE && y != NONE && z != NONE {
-                    let bin = bin_of(worlds, states, w, x, y, z);
-                    let to = first + starts[(bin + 1u32) as usize] - begin;
-                    let mut j = first + starts[bin as usize] - begin;
-                    while j < to {
-                        if j != i {
-                            let there = half + j;
-                            let v = visit(worlds, c, refs, me, there, skin);
-                            let lo_j = refs[(2u32 * there) as usize];
-                            let hi_j = refs[(2u32 * there + 1u32) as usize];
-                            // Cells may share a place in the table: only those of this cell count.
-                            let here = cell_of(worlds, states, w, hi_j[0], lo_j[0], 0u32) == x
-                                && cell_of(worlds, states, w, hi_j[1], lo_j[1], 1u32) == y
-                                && cell_of(worlds, states, w, hi_j[2], lo_j[2], 2u32) == z;
-                            if v.listed && here {
-                                found += 1u32;
-                                if comptime!(writes) {
-                                    let second = own[(2u32 * there) as usize][3] < my_id;
-                                    let entry = j | select(second, SECOND, 0u32);
-                                    if v.touches {
-                                        nbr[(from + front * SLICE) as usize] = entry;
-                                        front += 1u32;
-                                    } else {
-                                        back -= 1u32;
-                                        nbr[(from + back * SLICE) as usize] = entry;
-                                    }
-                                }
-                            }
+            let y = stepped(cy, b, g.ny, g.py);
+            if y != NONE && z != NONE {
+                if g.plain && inner {
+                    // Cells along x lie beside each other, and so do their particles.
+                    let row = base + (z * g.ny + y) * g.nx;
+                    let begin = starts[(row + max(cx, 1u32) - 1u32) as usize] + shift;
+                    let end = starts[(row + min(cx + 2u32, g.nx)) as usize] + shift;
+                    let e = take(
+                        begin,
+                        end,
+                        cx,
+                        y,
+                        z,
+                        Ends { front, back },
+                        i,
+                        w,
+                        half,
+                        from,
+                        worlds,
+                        states,
+                        refs,
+                        own,
+                        nbr,
+                        g.sure,
+                        false,
+                        writes,
+                        orthogonal,
+                    );
+                    front = e.front;
+                    back = e.back;
+                } else {
+                    for d in 0..3u32 {
+                        let x = stepped(cx, d, g.nx, g.px);
+                        if x != NONE {
+                            let bin = bin_of(worlds, states, w, x, y, z);
+                            let begin = starts[bin as usize] + shift;
+                            let end = starts[(bin + 1u32) as usize] + shift;
+                            let e = take(
+                                begin,
+                                end,
+                                x,
+                                y,
+                                z,
+                                Ends { front, back },
+                                i,
+                                w,
+                                half,
+                                from,
+                                worlds,
+                                states,
+                                refs,
+                                own,
+                                nbr,
+                                false,
+                                true,
+                                writes,
+                                orthogonal,
+                            );
+                            front = e.front;
+                            back = e.back;
                         }
-                        j += 1u32;
                     }
                 }
             }
         }
     }
-    found
+    front + (room - back)
 }
 
 /// The cell `offset - 1` beside `at`, or `NONE` beyond the domain or where it was visited before.
@@ -454,6 +568,7 @@ pub fn measure(
     lists: &mut Array<u32>,
     widths: &mut Array<u32>,
     nbr: &mut Array<u32>,
+    #[comptime] orthogonal: bool,
 ) {
     let w = world_of[CUBE_POS];
     let mut counts = SharedMemory::<u32>::new(comptime!(BLOCK as usize));
@@ -464,7 +579,7 @@ pub fn measure(
         let s = w * status::WORDS;
         let half = (1u32 - states[(s + status::LISTED) as usize]) * padded;
         if i - worlds[(w * world::WORDS + world::FIRST) as usize] < states[(s + status::COUNT) as usize] {
-            n = neighbours(i, w, half, 0u32, 0u32, worlds, states, starts, refs, own, nbr, false);
+            n = neighbours(i, w, half, 0u32, 0u32, worlds, states, starts, refs, own, nbr, false, orthogonal);
         }
         lists[(half + i) as usize] = n;
     }
@@ -497,6 +612,7 @@ pub fn fill(
     lists: &mut Array<u32>,
     nbr: &mut Array<u32>,
     hist: &mut Array<F4>,
+    #[comptime] orthogonal: bool,
 ) {
     let w = world_of[CUBE_POS];
     if rebuilding(states, w) {
@@ -518,7 +634,21 @@ pub fn fill(
         } else if i - worlds[(c + world::FIRST) as usize] < states[(s + status::COUNT) as usize] {
             let n = lists[(new_half * padded + i) as usize];
             let from = new_half * list_room + begins + i % SLICE;
-            neighbours(i, w, new_half * padded, from, n, worlds, states, starts, refs, own, nbr, true);
+            neighbours(
+                i,
+                w,
+                new_half * padded,
+                from,
+                n,
+                worlds,
+                states,
+                starts,
+                refs,
+                own,
+                nbr,
+                true,
+                orthogonal,
+            );
             let old = order[i as usize];
             let old_n = lists[(old_half * padded + old) as usize];
             let old_from = old_half * list_room

@@ -1,10 +1,17 @@
 //! The GPU backend: the laws' own source, expanded by CubeCL into kernels for Vulkan, Metal, DirectX or CUDA.
 
-// Kernels: what is decided when they are expanded stands apart from what is decided when they run, and the expander
-// knows operators only.
-#![allow(clippy::collapsible_if, clippy::collapsible_else_if, clippy::manual_is_multiple_of)]
+// Kernels: what is decided when they are expanded stands apart from what is decided when they run, the expander knows
+// operators only, and what units share has a size on devices only.
+#![allow(
+    clippy::collapsible_if,
+    clippy::collapsible_else_if,
+    clippy::manual_div_ceil,
+    clippy::manual_is_multiple_of,
+    clippy::trivially_copy_pass_by_ref
+)]
 
 mod compensated;
+mod contacts;
 mod device;
 mod fleet;
 mod layout;

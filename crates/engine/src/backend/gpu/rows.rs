@@ -9,7 +9,7 @@ use super::layout::{
     world,
 };
 use super::step::quad;
-use super::surfaces::{Spot, facing, from_origin, height_above, into_body};
+use super::surfaces::{Spot, facing, from_origin, height_above, into_body, roughly, roughly_into_body};
 
 /// Nodes that a walk down a hierarchy may have waiting.
 const STACK: u32 = 40;
@@ -21,6 +21,36 @@ fn gap2(lo: F4, hi: F4, x: V3) -> f32 {
     let b = f32::max(f32::max(lo[1] - x.y, x.y - hi[1]), 0.0f32);
     let c = f32::max(f32::max(lo[2] - x.z, x.z - hi[2]), 0.0f32);
     a * a + b * b + c * c
+}
+
+/// What single precision blurs of a distance, as a share of its components.
+const ROUGH: f32 = 2.0e-6;
+
+/// Whether a plane or the box around a mesh is within `reach` of a place, given from the origin of its pose.
+// Variables of a kernel begin with a value, read or not.
+#[allow(unused_assignments)]
+#[cube]
+fn may_meet(
+    poses: &Array<u32>,
+    at: u32,
+    nodes: &Array<F4>,
+    first_node: u32,
+    plane: bool,
+    x: V3,
+    reach: f32,
+) -> bool {
+    let mut near = false;
+    if plane {
+        let n = at + pose::NORMAL;
+        let height =
+            float_at(poses, n) * x.x + float_at(poses, n + 1u32) * x.y + float_at(poses, n + 2u32) * x.z;
+        near = height < reach;
+    } else {
+        let lo = nodes[(2u32 * first_node) as usize];
+        let hi = nodes[(2u32 * first_node + 1u32) as usize];
+        near = gap2(lo, hi, roughly_into_body(poses, at, x)) <= reach * reach;
+    }
+    near
 }
 
 #[cube]
@@ -72,59 +102,64 @@ fn near(
                 for ky in bounds[(i + 1u32) as usize]..bounds[(i + 4u32) as usize] + 1u32 {
                     for kx in bounds[i as usize]..bounds[(i + 3u32) as usize] + 1u32 {
                         let image = kx | (ky << IMAGE_BITS) | (kz << comptime!(2 * IMAGE_BITS));
-                        let x = from_origin(
-                            worlds,
-                            c,
-                            poses,
-                            at,
-                            p,
-                            image,
-                            comptime!(s.fused),
-                            comptime!(s.orthogonal),
-                        );
-                        if triangles == NONE {
-                            if height_above(poses, at, x, comptime!(s.fused)).h < reach {
-                                if comptime!(writes) {
-                                    write(facets, from + found, 0u32, b, image);
+                        // Most particles are far from most boundaries, which a rough look tells.
+                        let rough = roughly(worlds, c, poses, at, p, image, comptime!(s.orthogonal));
+                        let blur = ROUGH * (f32::abs(rough.x) + f32::abs(rough.y) + f32::abs(rough.z));
+                        if may_meet(poses, at, nodes, first_node, triangles == NONE, rough, far + blur) {
+                            let x = from_origin(
+                                worlds,
+                                c,
+                                poses,
+                                at,
+                                p,
+                                image,
+                                comptime!(s.fused),
+                                comptime!(s.orthogonal),
+                            );
+                            if triangles == NONE {
+                                if height_above(poses, at, x, comptime!(s.fused)).h < reach {
+                                    if comptime!(writes) {
+                                        write(facets, from + found, 0u32, b, image);
+                                    }
+                                    found += 1u32;
                                 }
-                                found += 1u32;
-                            }
-                        } else {
-                            let body = into_body(poses, at, x, comptime!(s.fused));
-                            let y = rounded(body);
-                            let mut stack = Array::<u32>::new(comptime!(STACK as usize));
-                            stack[0] = 0u32;
-                            let mut depth: u32 = 1u32;
-                            while depth > 0u32 {
-                                depth -= 1u32;
-                                let node = stack[depth as usize];
-                                let lo = nodes[(2u32 * (first_node + node)) as usize];
-                                let hi = nodes[(2u32 * (first_node + node) + 1u32) as usize];
-                                if gap2(lo, hi, y) <= far * far {
-                                    let link = u32::reinterpret(lo[3]);
-                                    let leaf = u32::reinterpret(hi[3]);
-                                    if leaf > 0u32 {
-                                        for k in 0..leaf {
-                                            let triangle = ordered[(order0 + link + k) as usize];
-                                            let f = facing(
-                                                verts,
-                                                tris[(triangles + triangle) as usize],
-                                                vertices,
-                                                body,
-                                                r,
-                                                comptime!(s.fused),
-                                            );
-                                            if f.gap.delta > 0.0f32 - beyond {
-                                                if comptime!(writes) {
-                                                    write(facets, from + found, triangle, b, image);
+                            } else {
+                                let body = into_body(poses, at, x, comptime!(s.fused));
+                                let y = rounded(body);
+                                let mut stack = Array::<u32>::new(comptime!(STACK as usize));
+                                stack[0] = 0u32;
+                                let mut depth: u32 = 1u32;
+                                while depth > 0u32 {
+                                    depth -= 1u32;
+                                    let node = stack[depth as usize];
+                                    let lo = nodes[(2u32 * (first_node + node)) as usize];
+                                    let hi = nodes[(2u32 * (first_node + node) + 1u32) as usize];
+                                    if gap2(lo, hi, y) <= far * far {
+                                        let link = u32::reinterpret(lo[3]);
+                                        let leaf = u32::reinterpret(hi[3]);
+                                        if leaf > 0u32 {
+                                            for k in 0..leaf {
+                                                let triangle = ordered[(order0 + link + k) as usize];
+                                                let f = facing(
+                                                    verts,
+                                                    tris[(triangles + triangle) as usize],
+                                                    vertices,
+                                                    body,
+                                                    r,
+                                                    comptime!(s.fused),
+                                                );
+                                                if f.gap.delta > 0.0f32 - beyond {
+                                                    if comptime!(writes) {
+                                                        write(facets, from + found, triangle, b, image);
+                                                    }
+                                                    found += 1u32;
                                                 }
-                                                found += 1u32;
                                             }
+                                        } else {
+                                            stack[depth as usize] = link;
+                                            stack[(depth + 1u32) as usize] = node + 1u32;
+                                            depth += 2u32;
                                         }
-                                    } else {
-                                        stack[depth as usize] = link;
-                                        stack[(depth + 1u32) as usize] = node + 1u32;
-                                        depth += 2u32;
                                     }
                                 }
                             }

@@ -34,20 +34,24 @@ fn within_block(shared: &mut SharedMemory<u32>, x: u32) -> u32 {
 pub fn tiles(n: u32, input: &Array<Atomic<u32>>, out: &mut Array<u32>, totals: &mut Array<u32>) {
     let mut shared = SharedMemory::<u32>::new(comptime!(BLOCK as usize));
     let begin = u32::cast_from(ABSOLUTE_POS) * EACH;
+    let mut values = Array::<u32>::new(comptime!(EACH as usize));
     let mut own = 0u32;
     #[unroll]
     for k in 0..EACH {
+        let mut x = 0u32;
         if begin + k < n {
-            own += input[(begin + k) as usize].load();
+            x = input[(begin + k) as usize].load();
         }
+        values[k as usize] = x;
+        own += x;
     }
     let mut running = within_block(&mut shared, own);
     #[unroll]
     for k in 0..EACH {
         if begin + k < n {
             out[(begin + k) as usize] = running;
-            running += input[(begin + k) as usize].load();
         }
+        running += values[k as usize];
     }
     if UNIT_POS == BLOCK - 1u32 {
         totals[CUBE_POS] = shared[UNIT_POS as usize];

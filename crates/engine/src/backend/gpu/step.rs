@@ -5,15 +5,16 @@ use glebe_physics::IntegratorKind;
 use glebe_physics::kernel::integrate::{
     Adams, Advance, Euler, Exact, Scheme, VelocityVerlet, locally_damped,
 };
-use glebe_physics::kernel::vector::{V3, cross, dot, plus, scaled};
+use glebe_physics::kernel::vector::{V3, dot, plus, scaled};
 
-use super::compensated::{Two3, gap, sum, tidy, whole};
+use super::compensated::{sum, tidy};
+use super::contacts::{COLUMNS, contacts_of, desk, seat, too_deep};
 use super::layout::{
-    BLOCK, F4, LOOK, NONE, PARTNER, SECOND, SIGHTS, SLICE, SLOTS, SUMS, Signature, TOUCHING, U4, active,
-    boundary, flag, float_at, halt, pose, status, world,
+    BLOCK, F4, LOOK, NONE, SIGHTS, SLOTS, SUMS, Signature, U4, active, boundary, flag, float_at, halt, pose,
+    quick, status, world,
 };
-use super::pair::{Meeting, interact, inverse_inertia};
-use super::surfaces::{metres, surfaces_of};
+use super::pair::inverse_inertia;
+use super::surfaces::surfaces_of;
 
 /// What a launch is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -55,8 +56,10 @@ pub struct Sums {
     pub work: f32,
     /// Largest overlap as a fraction of the smaller radius.
     pub worst: f32,
-    /// Contacts.
+    /// Contacts with particles.
     pub contacts: u32,
+    /// Contacts with surfaces.
+    pub touches: u32,
 }
 
 /// A rounding of small angles and such needs no sign of zero: the vector of zeros.
@@ -67,7 +70,7 @@ pub fn zero() -> V3 {
 
 /// `a` if `second`, else `b`.
 #[cube]
-fn pick(second: bool, a: V3, b: V3) -> V3 {
+pub fn pick(second: bool, a: V3, b: V3) -> V3 {
     V3 { x: select(second, a.x, b.x), y: select(second, a.y, b.y), z: select(second, a.z, b.z) }
 }
 
@@ -101,21 +104,48 @@ pub fn quad(a: u32, b: u32, c: u32, d: u32) -> U4 {
     q
 }
 
-/// The difference of two places in units, exactly.
-#[cube]
-fn units(a: U4, b: U4, k: usize) -> i32 {
-    i32::cast_from(b[k] - a[k])
-}
-
 /// The square of a difference in units, in m², roughly.
 #[cube]
-pub fn square(worlds: &Array<u32>, c: u32, dx: i32, dy: i32, dz: i32) -> f32 {
+pub fn square(worlds: &Array<u32>, c: u32, dx: i32, dy: i32, dz: i32, #[comptime] orthogonal: bool) -> f32 {
     let u = c + world::UNIT;
     let (x, y, z) = (f32::cast_from(dx), f32::cast_from(dy), f32::cast_from(dz));
-    let a = x * float_at(worlds, u) + y * float_at(worlds, u + 1u32) + z * float_at(worlds, u + 2u32);
-    let b = x * float_at(worlds, u + 3u32) + y * float_at(worlds, u + 4u32) + z * float_at(worlds, u + 5u32);
-    let d = x * float_at(worlds, u + 6u32) + y * float_at(worlds, u + 7u32) + z * float_at(worlds, u + 8u32);
-    a * a + b * b + d * d
+    let m = turned(worlds, u, x, y, z, orthogonal);
+    m.x * m.x + m.y * m.y + m.z * m.z
+}
+
+/// The square of the distance of two places, in m², roughly.
+#[cube]
+pub fn apart2(worlds: &Array<u32>, c: u32, a: U4, b: U4, #[comptime] orthogonal: bool) -> f32 {
+    square(
+        worlds,
+        c,
+        i32::cast_from(b[0] - a[0]),
+        i32::cast_from(b[1] - a[1]),
+        i32::cast_from(b[2] - a[2]),
+        orthogonal,
+    )
+}
+
+/// The product of the matrix at `at`, by rows, and a vector. Cells along the axes have diagonal matrices.
+#[cube]
+pub fn turned(worlds: &Array<u32>, at: u32, x: f32, y: f32, z: f32, #[comptime] orthogonal: bool) -> V3 {
+    if comptime!(orthogonal) {
+        V3 {
+            x: float_at(worlds, at) * x,
+            y: float_at(worlds, at + 4u32) * y,
+            z: float_at(worlds, at + 8u32) * z,
+        }
+    } else {
+        V3 {
+            x: float_at(worlds, at) * x + float_at(worlds, at + 1u32) * y + float_at(worlds, at + 2u32) * z,
+            y: float_at(worlds, at + 3u32) * x
+                + float_at(worlds, at + 4u32) * y
+                + float_at(worlds, at + 5u32) * z,
+            z: float_at(worlds, at + 6u32) * x
+                + float_at(worlds, at + 7u32) * y
+                + float_at(worlds, at + 8u32) * z,
+        }
+    }
 }
 
 #[cube]
@@ -168,33 +198,26 @@ struct Landed {
 }
 
 #[cube]
-fn displaced(worlds: &Array<u32>, c: u32, place: U4, rest: U4, lo_ref: U4, dx: V3) -> Landed {
-    let u = c + world::INVERSE;
-    let x = shifted(
-        place[0],
-        f32::reinterpret(rest[0]),
-        float_at(worlds, u) * dx.x + float_at(worlds, u + 1u32) * dx.y + float_at(worlds, u + 2u32) * dx.z,
-    );
-    let y = shifted(
-        place[1],
-        f32::reinterpret(rest[1]),
-        float_at(worlds, u + 3u32) * dx.x
-            + float_at(worlds, u + 4u32) * dx.y
-            + float_at(worlds, u + 5u32) * dx.z,
-    );
-    let z = shifted(
-        place[2],
-        f32::reinterpret(rest[2]),
-        float_at(worlds, u + 6u32) * dx.x
-            + float_at(worlds, u + 7u32) * dx.y
-            + float_at(worlds, u + 8u32) * dx.z,
-    );
+fn displaced(
+    worlds: &Array<u32>,
+    c: u32,
+    place: U4,
+    rest: U4,
+    lo_ref: U4,
+    dx: V3,
+    #[comptime] orthogonal: bool,
+) -> Landed {
+    let moved = turned(worlds, c + world::INVERSE, dx.x, dx.y, dx.z, orthogonal);
+    let x = shifted(place[0], f32::reinterpret(rest[0]), moved.x);
+    let y = shifted(place[1], f32::reinterpret(rest[1]), moved.y);
+    let z = shifted(place[2], f32::reinterpret(rest[2]), moved.z);
     let away = square(
         worlds,
         c,
         i32::cast_from(x.lo - lo_ref[0]),
         i32::cast_from(y.lo - lo_ref[1]),
         i32::cast_from(z.lo - lo_ref[2]),
+        orthogonal,
     );
     Landed { x, y, z, away }
 }
@@ -241,217 +264,6 @@ fn seam_work(worlds: &Array<u32>, c: u32, home: U4, land: Landed) -> f32 {
         + wraps(worlds, c, home[2], land.z.carry, 2u32) * float_at(worlds, e + 2u32)
 }
 
-/// The sums of the contacts with other particles.
-#[cube]
-fn pairs_of(
-    i: u32,
-    n: u32,
-    from: u32,
-    half: u32,
-    c: u32,
-    dt: f32,
-    worlds: &Array<u32>,
-    pairs: &Array<F4>,
-    place: &Array<U4>,
-    vel: &Array<F4>,
-    spin: &Array<U4>,
-    nbr: &mut Array<u32>,
-    hist: &mut Array<F4>,
-    #[comptime] s: Signature,
-    #[comptime] purpose: Purpose,
-) -> Sums {
-    let me = (half + i) as usize;
-    let here = place[me];
-    let mine = vel[me];
-    let turn = spin[me];
-    let v_i = first3(mine);
-    let w_i = bits3(turn);
-    let r_i = f32::reinterpret(here[3]);
-    let range = float_at(worlds, c + world::RANGE);
-    let materials = worlds[(c + world::MATERIALS) as usize];
-    let table = worlds[(c + world::PAIRS) as usize];
-
-    let mut fx = 0.0f32;
-    let mut fy = 0.0f32;
-    let mut fz = 0.0f32;
-    let mut tx = 0.0f32;
-    let mut ty = 0.0f32;
-    let mut tz = 0.0f32;
-    let mut dx = 0.0f32;
-    let mut dy = 0.0f32;
-    let mut dz = 0.0f32;
-    let mut gx = 0.0f32;
-    let mut gy = 0.0f32;
-    let mut gz = 0.0f32;
-    let mut rx = 0.0f32;
-    let mut ry = 0.0f32;
-    let mut rz = 0.0f32;
-    let mut energy_normal = 0.0f32;
-    let mut energy_tangential = 0.0f32;
-    let mut energy_before = 0.0f32;
-    let mut friction_loss = 0.0f32;
-    let mut dash_power = 0.0f32;
-    let mut roll_power = 0.0f32;
-    let mut worst = 0.0f32;
-    let mut contacts = 0u32;
-
-    let mut k = 0u32;
-    while k < n {
-        // First which of up to 32 candidates are near, then those: fewer idle lanes.
-        let end = min(k + 32u32, n);
-        let mut near = 0u32;
-        for q in k..end {
-            let entry = nbr[(from + q * SLICE) as usize];
-            let j = entry & PARTNER;
-            let there = place[(half + j) as usize];
-            let reach = (r_i + f32::reinterpret(there[3]) + range) * 1.000_001f32;
-            let d2 = square(
-                worlds,
-                c,
-                units(here, there, 0usize),
-                units(here, there, 1usize),
-                units(here, there, 2usize),
-            );
-            if d2 < reach * reach {
-                near |= 1u32 << (q - k);
-            } else {
-                if comptime!(purpose == Purpose::Step) {
-                    if entry & TOUCHING != 0u32 {
-                        nbr[(from + q * SLICE) as usize] = entry & comptime!(!TOUCHING);
-                    }
-                }
-            }
-        }
-        while near != 0u32 {
-            let q = k + near.find_first_set() - 1u32;
-            near &= near - 1u32;
-            let at = from + q * SLICE;
-            let entry = nbr[at as usize];
-            let j = entry & PARTNER;
-            let touched = entry & TOUCHING != 0u32;
-            // Both particles evaluate the pair in the same order, that of their numbers, so that what they
-            // find is the same to the bit.
-            let second = entry & SECOND != 0u32;
-            let other = (half + j) as usize;
-            let there = place[other];
-            let sign = select(second, 0i32 - 1i32, 1i32);
-            let r_j = f32::reinterpret(there[3]);
-            let apart = Two3 {
-                x: whole(sign * units(here, there, 0usize)),
-                y: whole(sign * units(here, there, 1usize)),
-                z: whole(sign * units(here, there, 2usize)),
-            };
-            let d = metres(worlds, c, apart, comptime!(s.fused), comptime!(s.orthogonal));
-            let g = gap(d, sum(r_i, r_j), comptime!(s.fused));
-            if g.delta > 0.0f32 - range {
-                let his = vel[other];
-                let his_turn = spin[other];
-                let v_j = first3(his);
-                let w_j = bits3(his_turn);
-                let mut stretch_x = 0.0f32;
-                let mut stretch_y = 0.0f32;
-                let mut stretch_z = 0.0f32;
-                let mut slip = 0.0f32;
-                if touched {
-                    let h = hist[at as usize];
-                    stretch_x = h[0];
-                    stretch_y = h[1];
-                    stretch_z = h[2];
-                    slip = h[3];
-                }
-                let r_eff = r_i * r_j / (r_i + r_j);
-                let arm_i = r_i - 0.5f32 * g.delta;
-                let arm_j = r_j - 0.5f32 * g.delta;
-                let pair = table + turn[3] * materials + his_turn[3];
-                let e = interact(
-                    Meeting {
-                        n: g.n,
-                        delta: g.delta,
-                        r_eff,
-                        diameter: 4.0f32 * r_eff,
-                        r_a: select(second, r_j, r_i),
-                        r_b: select(second, r_i, r_j),
-                        arm_a: select(second, arm_j, arm_i),
-                        arm_b: select(second, arm_i, arm_j),
-                        im_a: select(second, his[3], mine[3]),
-                        im_b: select(second, mine[3], his[3]),
-                        v_a: pick(second, v_j, v_i),
-                        v_b: pick(second, v_i, v_j),
-                        w_a: pick(second, w_j, w_i),
-                        w_b: pick(second, w_i, w_j),
-                        stretch: V3 { x: stretch_x, y: stretch_y, z: stretch_z },
-                        slip,
-                    },
-                    pairs,
-                    pair,
-                    dt,
-                    comptime!(s.laws),
-                );
-                let mine_sign = select(second, 0.0f32 - 1.0f32, 1.0f32);
-                let f = scaled(e.force, mine_sign);
-                let t = pick(second, e.torque_b, e.torque_a);
-                fx += f.x;
-                fy += f.y;
-                fz += f.z;
-                tx += t.x;
-                ty += t.y;
-                tz += t.z;
-                worst = f32::max(worst, g.delta / f32::min(r_i, r_j));
-                contacts += 1u32;
-                if comptime!(s.ledger || purpose == Purpose::Observe) {
-                    let d = scaled(e.dash, mine_sign);
-                    let roll = pick(second, e.roll_b, e.roll_a);
-                    let around = scaled(cross(g.n, e.dash), arm_i);
-                    dx += d.x;
-                    dy += d.y;
-                    dz += d.z;
-                    gx += around.x;
-                    gy += around.y;
-                    gz += around.z;
-                    rx += roll.x;
-                    ry += roll.y;
-                    rz += roll.z;
-                    energy_normal += 0.5f32 * e.energy_normal;
-                    energy_tangential += 0.5f32 * e.energy_tangential;
-                    energy_before += 0.5f32 * e.energy_before;
-                    friction_loss += 0.5f32 * e.friction_loss;
-                    dash_power += 0.5f32 * e.dash_power;
-                    roll_power += 0.5f32 * e.roll_power;
-                }
-                if comptime!(purpose == Purpose::Step) {
-                    hist[at as usize] = four(e.stretch.x, e.stretch.y, e.stretch.z, e.slip);
-                    if !touched {
-                        nbr[at as usize] = entry | TOUCHING;
-                    }
-                }
-            } else {
-                if comptime!(purpose == Purpose::Step) {
-                    if touched {
-                        nbr[at as usize] = entry & comptime!(!TOUCHING);
-                    }
-                }
-            }
-        }
-        k = end;
-    }
-    Sums {
-        force: V3 { x: fx, y: fy, z: fz },
-        torque: V3 { x: tx, y: ty, z: tz },
-        dash: V3 { x: dx, y: dy, z: dz },
-        drag: V3 { x: gx, y: gy, z: gz },
-        roll: V3 { x: rx, y: ry, z: rz },
-        energy_normal,
-        energy_tangential,
-        energy_before,
-        friction_loss,
-        dash_power,
-        roll_power,
-        work: 0.0f32,
-        worst,
-        contacts,
-    }
-}
-
 /// An acceleration with local damping.
 #[cube]
 fn damped(v: V3, a: V3, d: f32, dt: f32) -> V3 {
@@ -465,15 +277,12 @@ fn damped(v: V3, a: V3, d: f32, dt: f32) -> V3 {
 /// A particle's place along gravity, from the domain's origin \[m²/s²\].
 #[cube]
 fn height(worlds: &Array<u32>, c: u32, place: U4, home: U4, rest: U4) -> f32 {
-    let u = c + world::UNIT;
     let x = far(home[0], place[0], rest[0]);
     let y = far(home[1], place[1], rest[1]);
     let z = far(home[2], place[2], rest[2]);
-    let a = float_at(worlds, u) * x + float_at(worlds, u + 1u32) * y + float_at(worlds, u + 2u32) * z;
-    let b = float_at(worlds, u + 3u32) * x + float_at(worlds, u + 4u32) * y + float_at(worlds, u + 5u32) * z;
-    let d = float_at(worlds, u + 6u32) * x + float_at(worlds, u + 7u32) * y + float_at(worlds, u + 8u32) * z;
+    let m = turned(worlds, c + world::UNIT, x, y, z, false);
     let g = c + world::GRAVITY;
-    float_at(worlds, g) * a + float_at(worlds, g + 1u32) * b + float_at(worlds, g + 2u32) * d
+    float_at(worlds, g) * m.x + float_at(worlds, g + 1u32) * m.y + float_at(worlds, g + 2u32) * m.z
 }
 
 /// Units from the origin along an axis.
@@ -510,18 +319,20 @@ fn on_surfaces(row_sums: &Array<F4>, row: u32) -> Sums {
         roll_power: f[0],
         work: f[1],
         worst: f[2],
-        contacts: u32::cast_from(f[3]),
+        contacts: 0u32,
+        touches: u32::cast_from(f[3]),
     }
 }
 
 /// Contacts of the particles that are near surfaces, where they do not ride along with [`step`]. One unit per
 /// row.
-#[cube(launch_unchecked)]
+#[cube(launch_unchecked, fast_math = quick())]
 pub fn surfaces(
     k: u32,
     padded: u32,
     row_room: u32,
     facet_room: u32,
+    names: u32,
     world_of: &Array<u32>,
     worlds: &Array<u32>,
     states: &Array<u32>,
@@ -550,29 +361,49 @@ pub fn surfaces(
     let st = w * status::WORDS;
     let row = u32::cast_from(ABSOLUTE_POS);
     let in_use = row - worlds[(c + world::ROWS) as usize] < states[(st + status::ROWS) as usize];
-    if runs(states, flags, w, k, purpose) && in_use {
-        let which = states[(st + status::LISTED) as usize];
+    if runs(states, flags, w, k, purpose) {
         let parity = (states[(st + status::PARITY) as usize] + k) & 1u32;
-        let t = states[(st + status::BASE) as usize] + k;
-        let full = float_at(worlds, c + world::DT);
-        let dt = if comptime!(purpose == Purpose::Step) { full } else { 0.0f32 * full };
-        let i = rows[(2u32 * padded + 3u32 * (which * row_room + row) + 2u32) as usize];
-        let mine = which * padded + i;
-        let me = (parity * padded + i) as usize;
-        let (here, v4, turn) = (place[me], vel[me], spin[me]);
-        let rest = own[(2u32 * mine + 1u32) as usize];
-        let q = surfaces_of(
-            row, which, mine, parity, padded, row_room, facet_room, here, v4, turn, rest, t, w, dt, flags,
-            worlds, refs, pairs, bounds, poses, tris, verts, rows, facets, row_count, row_mem, push, s,
-            purpose,
-        );
-        let at = (row + 1u32) * ROW_QUADS;
-        row_sums[at as usize] = four(q.force.x, q.force.y, q.force.z, q.energy_normal);
-        row_sums[(at + 1u32) as usize] = four(q.torque.x, q.torque.y, q.torque.z, q.energy_tangential);
-        row_sums[(at + 2u32) as usize] = four(q.dash.x, q.dash.y, q.dash.z, q.energy_before);
-        row_sums[(at + 3u32) as usize] = four(q.drag.x, q.drag.y, q.drag.z, q.friction_loss);
-        row_sums[(at + 4u32) as usize] = four(q.roll.x, q.roll.y, q.roll.z, q.dash_power);
-        row_sums[(at + 5u32) as usize] = four(q.roll_power, q.work, q.worst, f32::cast_from(q.contacts));
+        if in_use {
+            let which = states[(st + status::LISTED) as usize];
+            let t = states[(st + status::BASE) as usize] + k;
+            let full = float_at(worlds, c + world::DT);
+            let dt = if comptime!(purpose == Purpose::Step) { full } else { 0.0f32 * full };
+            let i = rows[(2u32 * padded + 3u32 * (which * row_room + row) + 2u32) as usize];
+            let mine = which * padded + i;
+            let me = (parity * padded + i) as usize;
+            let (here, v4, turn) = (place[me], vel[me], spin[me]);
+            let rest = own[(2u32 * mine + 1u32) as usize];
+            let q = surfaces_of(
+                row, which, mine, parity, padded, row_room, facet_room, here, v4, turn, rest, t, w, dt,
+                flags, worlds, refs, pairs, bounds, poses, tris, verts, rows, facets, row_count, row_mem,
+                push, s, purpose,
+            );
+            let at = (row + 1u32) * ROW_QUADS;
+            row_sums[at as usize] = four(q.force.x, q.force.y, q.force.z, q.energy_normal);
+            row_sums[(at + 1u32) as usize] = four(q.torque.x, q.torque.y, q.torque.z, q.energy_tangential);
+            row_sums[(at + 2u32) as usize] = four(q.dash.x, q.dash.y, q.dash.z, q.energy_before);
+            row_sums[(at + 3u32) as usize] = four(q.drag.x, q.drag.y, q.drag.z, q.friction_loss);
+            row_sums[(at + 4u32) as usize] = four(q.roll.x, q.roll.y, q.roll.z, q.dash_power);
+            row_sums[(at + 5u32) as usize] = four(q.roll_power, q.work, q.worst, f32::cast_from(q.touches));
+        }
+        if comptime!(purpose == Purpose::Step) {
+            let mut table = SharedMemory::<f32>::new(comptime!((6 * BLOCK) as usize));
+            shared_push(
+                &mut table,
+                true,
+                UNIT_POS,
+                select(in_use, row, NONE),
+                u32::cast_from(CUBE_POS),
+                names,
+                worlds[(c + world::SURFACES) as usize],
+                row_room,
+                parity,
+                row_count,
+                push,
+                BLOCK,
+                BLOCK,
+            );
+        }
     }
 }
 
@@ -596,7 +427,7 @@ fn runs(
 
 /// No contacts.
 #[cube]
-fn nothing() -> Sums {
+pub fn nothing() -> Sums {
     Sums {
         force: zero(),
         torque: zero(),
@@ -612,19 +443,20 @@ fn nothing() -> Sums {
         work: 0.0f32,
         worst: 0.0f32,
         contacts: 0u32,
+        touches: 0u32,
     }
 }
 
 /// The sums of columns of `shared` (`columns` of one value per unit) left in the first entry of each.
 #[cube]
-fn fold(shared: &mut SharedMemory<f32>, #[comptime] columns: u32) {
-    let mut width = comptime!(BLOCK / 2).runtime();
+fn fold(shared: &mut SharedMemory<f32>, #[comptime] columns: u32, #[comptime] units: u32) {
+    let mut width = comptime!(units / 2).runtime();
     sync_cube();
     while width > 0u32 {
         if UNIT_POS < width {
             #[unroll]
             for q in 0..columns {
-                let at = q * BLOCK + UNIT_POS;
+                let at = q * units + UNIT_POS;
                 let other = shared[(at + width) as usize];
                 shared[at as usize] += other;
             }
@@ -695,6 +527,7 @@ pub fn drift(
                 rest,
                 refs[(2u32 * mine) as usize],
                 V3 { x: x.dx, y: y.dx, z: z.dx },
+                comptime!(s.orthogonal),
             );
             place[me] = quad(land.x.lo, land.y.lo, land.z.lo, here[3]);
             let mut wrapped = 0.0f32;
@@ -713,13 +546,15 @@ pub fn drift(
 }
 
 /// One step, or a look at the present configuration.
-#[cube(launch_unchecked)]
+#[cube(launch_unchecked, fast_math = quick())]
 pub fn step(
     k: u32,
+    blocks: u32,
     padded: u32,
     list_room: u32,
     row_room: u32,
     facet_room: u32,
+    names: u32,
     world_of: &Array<u32>,
     worlds: &Array<u32>,
     states: &Array<u32>,
@@ -748,50 +583,62 @@ pub fn step(
     #[comptime] s: Signature,
     #[comptime] purpose: Purpose,
 ) {
-    let w = world_of[CUBE_POS];
-    if runs(states, flags, w, k, purpose) {
+    // A grid of rows has blocks beyond those asked for.
+    let launched = min(u32::cast_from(CUBE_POS), blocks - 1u32);
+    // Particles near surfaces take longest, so their blocks come first.
+    let far = padded / comptime!(s.shape.owners);
+    let near = blocks - far;
+    let block = select(launched < near, launched + far, launched - near);
+    let w = world_of[(block * comptime!(s.shape.owners) / BLOCK) as usize];
+    if u32::cast_from(CUBE_POS) < blocks && runs(states, flags, w, k, purpose) {
         let c = w * world::WORDS;
         let st = w * status::WORDS;
         let f = w * flag::WORDS;
         let first = worlds[(c + world::FIRST) as usize];
-        let count = states[(st + status::COUNT) as usize];
         let base = states[(st + status::BASE) as usize];
         let parity = (states[(st + status::PARITY) as usize] + k) & 1u32;
         let which = states[(st + status::LISTED) as usize];
         let half = parity * padded;
         let ahead_half = (1u32 - parity) * padded;
         let listed = which * padded;
-        let unit = u32::cast_from(ABSOLUTE_POS);
-        let mut i = unit;
-        let mut row = NONE.runtime();
-        let mut alive = i - first < count;
-        if comptime!(s.surfaces && s.merged) {
-            // Particles near surfaces have blocks of their own behind the others, so that no unit waits for one
-            // that looks at triangles.
-            if unit < padded {
-                if alive {
-                    alive = rows[(listed + i) as usize] == NONE;
-                }
-            } else {
-                let slot = unit - padded;
-                let mine = slot - worlds[(c + world::ROWS) as usize];
-                alive = mine < states[(st + status::ROWS) as usize];
-                if alive {
-                    row = slot;
-                    i = rows[(2u32 * padded + 3u32 * (which * row_room + slot) + 2u32) as usize];
-                }
-            }
-        }
         let full = float_at(worlds, c + world::DT);
         let moves = comptime!(purpose == Purpose::Step);
         let dt = select(moves, full, 0.0f32);
         let t = base + k;
-        let mut out = Array::<f32>::new(comptime!(SIGHTS as usize));
+        let mut out = Array::<f32>::new(comptime!(COLUMNS as usize));
         #[unroll]
-        for q in 0..SIGHTS {
+        for q in 0..COLUMNS {
             out[q as usize] = 0.0f32;
         }
-        if alive {
+        let mut desk = desk(s.shape);
+        seat(&mut desk, block, padded, list_room, row_room, w, which, worlds, states, lists, rows, s);
+        let p = contacts_of(
+            &mut desk, block, k, padded, row_room, facet_room, names, w, which, parity, t, dt, flags, worlds,
+            pairs, place, vel, spin, own, refs, nbr, hist, bounds, poses, tris, verts, rows, facets,
+            row_count, row_mem, push, s, purpose,
+        );
+        // Energies and losses are those of the contacts that this unit looked at.
+        if comptime!(purpose == Purpose::Observe) {
+            out[3] = p.energy_normal;
+            out[4] = p.energy_before;
+            out[5] = f32::cast_from(p.contacts);
+            out[6] = f32::cast_from(p.touches);
+            out[7] = p.worst;
+        }
+        if comptime!(s.ledger && purpose == Purpose::Step) {
+            out[0] = p.friction_loss;
+            out[1] = 0.0f32 - dt * p.dash_power;
+            out[2] = 0.0f32 - dt * p.roll_power;
+            out[4] = dt * p.work;
+            out[5] = p.energy_before;
+            out[6] = p.energy_tangential;
+        }
+        let mut worst = p.worst;
+        let mut i = NONE.runtime();
+        if UNIT_POS < comptime!(s.shape.owners) {
+            i = desk.who[UNIT_POS as usize];
+        }
+        if i != NONE {
             let me = (half + i) as usize;
             let mine = listed + i;
             let here = place[me];
@@ -804,22 +651,12 @@ pub fn step(
             let home = own[(2u32 * mine) as usize];
             let rest = own[(2u32 * mine + 1u32) as usize];
             let lo_ref = refs[(2u32 * mine) as usize];
-            let n = lists[mine as usize];
-            let from = which * list_room
-                + lists[(2u32 * padded + which * (padded / SLICE) + i / SLICE) as usize]
-                + i % SLICE;
-            let p = pairs_of(i, n, from, half, c, dt, worlds, pairs, place, vel, spin, nbr, hist, s, purpose);
-            let q = if comptime!(s.surfaces && s.merged) {
-                surfaces_of(
-                    row, which, mine, parity, padded, row_room, facet_room, here, v4, turn, rest, t, w, dt,
-                    flags, worlds, refs, pairs, bounds, poses, tris, verts, rows, facets, row_count, row_mem,
-                    push, s, purpose,
-                )
-            } else if comptime!(s.surfaces) {
+            let q = if comptime!(s.surfaces && !s.merged) {
                 on_surfaces(row_sums, rows[mine as usize])
             } else {
                 nothing()
             };
+            worst = f32::max(worst, q.worst);
             let force = plus(p.force, q.force);
             let torque = plus(p.torque, q.torque);
             let inv_inertia = inverse_inertia(im, r);
@@ -830,15 +667,13 @@ pub fn step(
                 z: force.z * im + float_at(worlds, g + 2u32),
             };
             let turning = scaled(torque, inv_inertia);
-            let worst = f32::max(p.worst, q.worst);
             if comptime!(purpose == Purpose::Observe) {
                 out[0] = 0.5f32 * dot(v, v) / im;
                 out[1] = 0.2f32 * r * r * dot(w3, w3) / im;
                 out[2] = 0.0f32 - height(worlds, c, here, home, rest) / im;
-                out[3] = p.energy_normal + q.energy_normal;
-                out[4] = p.energy_before + q.energy_before;
-                out[5] = f32::cast_from(p.contacts);
-                out[6] = f32::cast_from(q.contacts);
+                out[3] += q.energy_normal;
+                out[4] += q.energy_before;
+                out[6] += f32::cast_from(q.touches);
                 out[7] = worst;
                 out[8] = dot(v, v);
             } else if comptime!(purpose == Purpose::Prime) {
@@ -869,7 +704,7 @@ pub fn step(
                 let d2 = dot(dx, dx);
                 let fine = d2 <= float_at(worlds, c + world::RUNAWAY);
                 let held = pick(fine, dx, zero());
-                let land = displaced(worlds, c, here, rest, lo_ref, held);
+                let land = displaced(worlds, c, here, rest, lo_ref, held, comptime!(s.orthogonal));
                 let next = (ahead_half + i) as usize;
                 place[next] = quad(land.x.lo, land.y.lo, land.z.lo, here[3]);
                 vel[next] = four(x.v, y.v, z.v, im);
@@ -916,13 +751,10 @@ pub fn step(
                     flags[(f + flag::WHO) as usize].fetch_min(home[3]);
                     flags[(f + flag::STALE) as usize].fetch_min(k);
                 }
-                if u32::reinterpret(worst) > flags[(f + flag::WORST) as usize].load() {
-                    flags[(f + flag::WORST) as usize].fetch_max(u32::reinterpret(worst));
-                }
-                if worst > float_at(worlds, c + world::OVERLAP) {
-                    flags[(f + flag::HALT) as usize].fetch_max(halt::OVERLAP);
-                    flags[(f + flag::WHO) as usize].fetch_min(home[3]);
-                    flags[(f + flag::STALE) as usize].fetch_min(k);
+                if comptime!(s.surfaces && !s.merged) {
+                    if q.worst > float_at(worlds, c + world::OVERLAP) {
+                        too_deep(w, k, home[3], flags);
+                    }
                 }
                 if comptime!(s.ledger) {
                     // Dissipating forces act over the step with the mean of old and new velocity; in a split
@@ -937,10 +769,9 @@ pub fn step(
                     let dash = plus(p.dash, q.dash);
                     let drag = plus(p.drag, q.drag);
                     let roll = plus(p.roll, q.roll);
-                    out[0] = p.friction_loss + q.friction_loss;
-                    out[1] =
-                        0.0f32 - dt * (p.dash_power + q.dash_power + share * (dot(dash, dv) + dot(drag, dw)));
-                    out[2] = 0.0f32 - dt * (p.roll_power + q.roll_power + share * dot(roll, dw));
+                    out[0] += q.friction_loss;
+                    out[1] -= dt * (q.dash_power + share * (dot(dash, dv) + dot(drag, dw)));
+                    out[2] -= dt * (q.roll_power + share * dot(roll, dw));
                     if comptime!(s.damping) {
                         let lost = V3 { x: free.x - a.x, y: free.y - a.y, z: free.z - a.z };
                         let spun = V3 { x: turning.x - b.x, y: turning.y - b.y, z: turning.z - b.z };
@@ -953,56 +784,134 @@ pub fn step(
                         };
                         out[3] = dt * (dot(lost, mid) / im + dot(spun, mid_w) / inv_inertia);
                     }
-                    out[4] = dt * q.work + wrapped;
-                    out[5] = p.energy_before + q.energy_before;
-                    out[6] = p.energy_tangential + q.energy_tangential;
+                    out[4] += dt * q.work + wrapped;
+                    out[5] += q.energy_before;
+                    out[6] += q.energy_tangential;
                 }
             }
         }
         if comptime!(purpose == Purpose::Observe) {
-            let mut shared = SharedMemory::<f32>::new(comptime!((SIGHTS * BLOCK) as usize));
+            sync_cube();
             #[unroll]
             for q in 0..SIGHTS {
-                shared[(q * BLOCK + UNIT_POS) as usize] = out[q as usize];
+                desk.table[(q * s.shape.units + UNIT_POS) as usize] = out[q as usize];
             }
             sync_cube();
             if UNIT_POS == 0u32 {
                 let mut worst = 0.0f32;
                 let mut speed = 0.0f32;
-                for q in 0..BLOCK {
-                    worst = f32::max(worst, shared[(7u32 * BLOCK + q) as usize]);
-                    speed = f32::max(speed, shared[(8u32 * BLOCK + q) as usize]);
+                for q in 0..comptime!(s.shape.units).runtime() {
+                    worst = f32::max(worst, desk.table[(7u32 * s.shape.units + q) as usize]);
+                    speed = f32::max(speed, desk.table[(8u32 * s.shape.units + q) as usize]);
                 }
-                sums[(u32::cast_from(CUBE_POS) * SIGHTS + 7u32) as usize] = worst;
-                sums[(u32::cast_from(CUBE_POS) * SIGHTS + 8u32) as usize] = speed;
+                sums[(block * SIGHTS + 7u32) as usize] = worst;
+                sums[(block * SIGHTS + 8u32) as usize] = speed;
             }
-            fold(&mut shared, 7u32);
+            fold(&mut desk.table, 7u32, s.shape.units);
             if UNIT_POS < 7u32 {
-                sums[(u32::cast_from(CUBE_POS) * SIGHTS + UNIT_POS) as usize] =
-                    shared[(UNIT_POS * BLOCK) as usize];
+                sums[(block * SIGHTS + UNIT_POS) as usize] = desk.table[(UNIT_POS * s.shape.units) as usize];
             }
         }
         if comptime!(purpose == Purpose::Step) {
-            if unit == first {
+            if u32::reinterpret(worst) > flags[(f + flag::WORST) as usize].load() {
+                flags[(f + flag::WORST) as usize].fetch_max(u32::reinterpret(worst));
+            }
+            if block * comptime!(s.shape.owners) + UNIT_POS == first {
                 flags[(f + flag::BEATS) as usize].fetch_add(1u32);
             }
         }
         if comptime!(s.ledger && purpose == Purpose::Step) {
-            let mut shared = SharedMemory::<f32>::new(comptime!((SUMS * BLOCK) as usize));
+            sync_cube();
             #[unroll]
             for q in 0..SUMS {
-                shared[(q * BLOCK + UNIT_POS) as usize] = out[q as usize];
+                desk.table[(q * s.shape.units + UNIT_POS) as usize] = out[q as usize];
             }
-            fold(&mut shared, SUMS);
+            fold(&mut desk.table, SUMS, s.shape.units);
             if UNIT_POS < 7u32 {
-                let at = (u32::cast_from(CUBE_POS) * SUMS + UNIT_POS) * 2u32;
-                accumulate(sums, at, shared[(UNIT_POS * BLOCK) as usize]);
+                let at = (block * SUMS + UNIT_POS) * 2u32;
+                accumulate(sums, at, desk.table[(UNIT_POS * s.shape.units) as usize]);
             }
             if UNIT_POS == 7u32 {
                 // Tangential springs at the end of the step, not summed over steps.
-                let at = (u32::cast_from(CUBE_POS) * SUMS + 7u32) * 2u32;
-                sums[at as usize] = shared[(6u32 * BLOCK) as usize];
+                let at = (block * SUMS + 7u32) * 2u32;
+                sums[at as usize] = desk.table[(6u32 * s.shape.units) as usize];
             }
+        }
+    }
+}
+
+/// Sums what the particles of a block do to each surface whose forces are kept, and leaves it behind the rows of
+/// `push`, as block `nb`. `lane` counts the units that have a row, or could have.
+#[cube]
+pub fn shared_push(
+    table: &mut SharedMemory<f32>,
+    takes_part: bool,
+    lane: u32,
+    row: u32,
+    nb: u32,
+    names: u32,
+    surfaces: u32,
+    row_room: u32,
+    parity: u32,
+    row_count: &mut Array<u32>,
+    push: &mut Array<F4>,
+    #[comptime] lanes: u32,
+    #[comptime] units: u32,
+) {
+    for s in 0..surfaces {
+        sync_cube();
+        if takes_part {
+            let mut fx = 0.0f32;
+            let mut fy = 0.0f32;
+            let mut fz = 0.0f32;
+            let mut tx = 0.0f32;
+            let mut ty = 0.0f32;
+            let mut tz = 0.0f32;
+            if row != NONE {
+                for slot in 0..row_count[((1u32 - parity) * row_room + row) as usize] {
+                    let at = (row * SLOTS + slot) * 2u32;
+                    let f = push[at as usize];
+                    if u32::cast_from(f[3]) == s + 1u32 {
+                        let m = push[(at + 1u32) as usize];
+                        fx += f[0];
+                        fy += f[1];
+                        fz += f[2];
+                        tx += m[0];
+                        ty += m[1];
+                        tz += m[2];
+                    }
+                }
+            }
+            table[lane as usize] = fx;
+            table[(units + lane) as usize] = fy;
+            table[(2u32 * units + lane) as usize] = fz;
+            table[(3u32 * units + lane) as usize] = tx;
+            table[(4u32 * units + lane) as usize] = ty;
+            table[(5u32 * units + lane) as usize] = tz;
+        }
+        sync_cube();
+        let mut width = comptime!(lanes / 2).runtime();
+        while width > 0u32 {
+            if takes_part && lane < width {
+                #[unroll]
+                for q in 0..6u32 {
+                    let at = q * units + lane;
+                    let other = table[(at + width) as usize];
+                    table[at as usize] += other;
+                }
+            }
+            sync_cube();
+            width /= 2u32;
+        }
+        if takes_part && lane == 0u32 {
+            let at = 2u32 * (row_room * SLOTS + nb * names + s);
+            push[at as usize] = four(table[0], table[units as usize], table[(2u32 * units) as usize], 0.0f32);
+            push[(at + 1u32) as usize] = four(
+                table[(3u32 * units) as usize],
+                table[(4u32 * units) as usize],
+                table[(5u32 * units) as usize],
+                0.0f32,
+            );
         }
     }
 }
@@ -1013,14 +922,15 @@ pub fn step(
 pub fn collect(
     k: u32,
     row_room: u32,
+    names: u32,
     worlds: &Array<u32>,
     states: &Array<u32>,
     flags: &mut Array<Atomic<u32>>,
     bounds: &Array<u32>,
     poses: &Array<u32>,
-    row_count: &Array<u32>,
     push: &Array<F4>,
     series: &mut Array<f32>,
+    #[comptime] span: u32,
 ) {
     let w = u32::cast_from(CUBE_POS);
     if active(states, flags, w, k) {
@@ -1030,7 +940,6 @@ pub fn collect(
         let rows = states[(st + status::ROWS) as usize];
         let first = worlds[(c + world::ROWS) as usize];
         let t = states[(st + status::BASE) as usize] + k;
-        let written = 1u32 - ((states[(st + status::PARITY) as usize] + k) & 1u32);
         let mut shared = SharedMemory::<f32>::new(comptime!((12 * BLOCK) as usize));
         for s in 0..surfaces {
             let mut total = Array::<f32>::new(12usize);
@@ -1038,26 +947,21 @@ pub fn collect(
             for q in 0..12u32 {
                 total[q as usize] = 0.0f32;
             }
-            let mut row = UNIT_POS;
-            while row < rows {
-                let n = row_count[(written * row_room + first + row) as usize];
-                for slot in 0..n {
-                    let at = ((first + row) * SLOTS + slot) * 2u32;
-                    let f = push[at as usize];
-                    if u32::cast_from(f[3]) == s + 1u32 {
-                        let m = push[(at + 1u32) as usize];
-                        #[unroll]
-                        for q in 0..3u32 {
-                            let a = sum(total[(2u32 * q) as usize], f[q as usize]);
-                            total[(2u32 * q) as usize] = a.h;
-                            total[(2u32 * q + 1u32) as usize] += a.l;
-                            let b = sum(total[(6u32 + 2u32 * q) as usize], m[q as usize]);
-                            total[(6u32 + 2u32 * q) as usize] = b.h;
-                            total[(6u32 + 2u32 * q + 1u32) as usize] += b.l;
-                        }
-                    }
+            let mut block = UNIT_POS;
+            while block * span < rows {
+                let at = 2u32 * (row_room * SLOTS + (first / span + block) * names + s);
+                let f = push[at as usize];
+                let m = push[(at + 1u32) as usize];
+                #[unroll]
+                for q in 0..3u32 {
+                    let a = sum(total[(2u32 * q) as usize], f[q as usize]);
+                    total[(2u32 * q) as usize] = a.h;
+                    total[(2u32 * q + 1u32) as usize] += a.l;
+                    let b = sum(total[(6u32 + 2u32 * q) as usize], m[q as usize]);
+                    total[(6u32 + 2u32 * q) as usize] = b.h;
+                    total[(6u32 + 2u32 * q + 1u32) as usize] += b.l;
                 }
-                row += BLOCK;
+                block += BLOCK;
             }
             #[unroll]
             for q in 0..12u32 {

@@ -8,13 +8,15 @@ use glebe_physics::IntegratorKind;
 use glebe_physics::kernel::triangle::closest_to_origin;
 use glebe_physics::kernel::vector::{V3, cross, dot, length, minus, plus, scaled};
 
-use super::compensated::{Gap, Two, Two3, along2, dot2, gap, minus2, minus23, plus2, rounded, sum, times2};
+use super::compensated::{
+    Gap, Two, Two3, along2, dot2, gap, minus2, minus23, plus2, rounded, sum, times2_loose,
+};
 use super::layout::{
     F4, FACET_WORDS, IMAGE_BITS, IMAGE_ZERO, NONE, SLOTS, Signature, TOUCHED, U4, boundary, flag, float_at,
     halt, pose, world,
 };
 use super::pair::{Meeting, interact};
-use super::step::{Purpose, Sums, bits3, first3, four, quad};
+use super::step::{Purpose, Sums, bits3, first3, four, quad, turned};
 
 /// Metres per unit: entry `k` of the matrix by rows, of the world whose table begins at `c`.
 #[cube]
@@ -33,9 +35,9 @@ pub fn metres(
 ) -> Two3 {
     if comptime!(orthogonal) {
         Two3 {
-            x: times2(d.x, unit_of(worlds, c, 0u32), fused),
-            y: times2(d.y, unit_of(worlds, c, 4u32), fused),
-            z: times2(d.z, unit_of(worlds, c, 8u32), fused),
+            x: times2_loose(d.x, unit_of(worlds, c, 0u32), fused),
+            y: times2_loose(d.y, unit_of(worlds, c, 4u32), fused),
+            z: times2_loose(d.z, unit_of(worlds, c, 8u32), fused),
         }
     } else {
         Two3 {
@@ -85,6 +87,53 @@ fn along_axis(poses: &Array<u32>, at: u32, hi: u32, lo: u32, rest: f32, k: u32) 
     plus2(whole, sum(rest - float_at(poses, at + pose::ORIGIN + 6u32 + k), 0.0f32))
 }
 
+/// The windows of a particle's image `image`.
+#[cube]
+fn imaged(worlds: &Array<u32>, c: u32, hi: u32, image: u32, k: u32) -> u32 {
+    let mask = comptime!((1u32 << IMAGE_BITS) - 1u32);
+    let shift = i32::cast_from((image >> (k * IMAGE_BITS)) & mask) - IMAGE_ZERO;
+    hi + u32::cast_from(shift * i32::cast_from(worlds[(c + world::WINDOWS + k) as usize]))
+}
+
+/// From the origin of a pose to a particle's image `image` \[m\], in single precision.
+#[cube]
+pub fn roughly(
+    worlds: &Array<u32>,
+    c: u32,
+    poses: &Array<u32>,
+    at: u32,
+    p: Spot,
+    image: u32,
+    #[comptime] orthogonal: bool,
+) -> V3 {
+    let x = roughly_along(poses, at, imaged(worlds, c, p.hi[0], image, 0u32), p.lo[0], 0u32);
+    let y = roughly_along(poses, at, imaged(worlds, c, p.hi[1], image, 1u32), p.lo[1], 1u32);
+    let z = roughly_along(poses, at, imaged(worlds, c, p.hi[2], image, 2u32), p.lo[2], 2u32);
+    turned(worlds, c + world::UNIT, x, y, z, orthogonal)
+}
+
+#[cube]
+fn roughly_along(poses: &Array<u32>, at: u32, hi: u32, lo: u32, k: u32) -> f32 {
+    let windows = f32::cast_from(i32::cast_from(hi - poses[(at + pose::ORIGIN + k) as usize]));
+    let origin = poses[(at + pose::ORIGIN + 3u32 + k) as usize];
+    windows * 4_294_967_296.0f32 + (f32::cast_from(lo) - f32::cast_from(origin))
+}
+
+/// A world vector in the frame of a pose, in single precision.
+#[cube]
+pub fn roughly_into_body(poses: &Array<u32>, at: u32, x: V3) -> V3 {
+    let r = at + pose::ROTATION;
+    V3 {
+        x: float_at(poses, r) * x.x + float_at(poses, r + 3u32) * x.y + float_at(poses, r + 6u32) * x.z,
+        y: float_at(poses, r + 1u32) * x.x
+            + float_at(poses, r + 4u32) * x.y
+            + float_at(poses, r + 7u32) * x.z,
+        z: float_at(poses, r + 2u32) * x.x
+            + float_at(poses, r + 5u32) * x.y
+            + float_at(poses, r + 8u32) * x.z,
+    }
+}
+
 /// From the origin of a pose to a particle's image `image` \[m\].
 #[cube]
 pub fn from_origin(
@@ -97,17 +146,30 @@ pub fn from_origin(
     #[comptime] fused: bool,
     #[comptime] orthogonal: bool,
 ) -> Two3 {
-    let mask = comptime!((1u32 << IMAGE_BITS) - 1u32);
-    let sx = i32::cast_from(image & mask) - IMAGE_ZERO;
-    let sy = i32::cast_from((image >> IMAGE_BITS) & mask) - IMAGE_ZERO;
-    let sz = i32::cast_from((image >> comptime!(2 * IMAGE_BITS)) & mask) - IMAGE_ZERO;
-    let w = c + world::WINDOWS;
-    let hx = p.hi[0] + u32::cast_from(sx * i32::cast_from(worlds[w as usize]));
-    let hy = p.hi[1] + u32::cast_from(sy * i32::cast_from(worlds[(w + 1u32) as usize]));
-    let hz = p.hi[2] + u32::cast_from(sz * i32::cast_from(worlds[(w + 2u32) as usize]));
-    let x = along_axis(poses, at, hx, p.lo[0], f32::reinterpret(p.rest[0]), 0u32);
-    let y = along_axis(poses, at, hy, p.lo[1], f32::reinterpret(p.rest[1]), 1u32);
-    let z = along_axis(poses, at, hz, p.lo[2], f32::reinterpret(p.rest[2]), 2u32);
+    let x = along_axis(
+        poses,
+        at,
+        imaged(worlds, c, p.hi[0], image, 0u32),
+        p.lo[0],
+        f32::reinterpret(p.rest[0]),
+        0u32,
+    );
+    let y = along_axis(
+        poses,
+        at,
+        imaged(worlds, c, p.hi[1], image, 1u32),
+        p.lo[1],
+        f32::reinterpret(p.rest[1]),
+        1u32,
+    );
+    let z = along_axis(
+        poses,
+        at,
+        imaged(worlds, c, p.hi[2], image, 2u32),
+        p.lo[2],
+        f32::reinterpret(p.rest[2]),
+        2u32,
+    );
     metres(worlds, c, Two3 { x, y, z }, fused, orthogonal)
 }
 
@@ -571,6 +633,7 @@ pub fn surfaces_of(
         roll_power,
         work,
         worst,
-        contacts: slots,
+        contacts: 0u32,
+        touches: slots,
     }
 }
