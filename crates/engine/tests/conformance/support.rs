@@ -139,8 +139,9 @@ pub const REFERENCE: Subject = Subject {
     budget: Budget { creep: 1_000_000, at_rest: 2_000, gas: 10_000, tumbling: 100, tumblers: 200 },
 };
 
-/// f32 throughout, distances in pairs of them; each particle sums its own side of a contact. The first device, be it
-/// software; without one its suites are skipped aloud, and fail where CI is set.
+/// f32 throughout, distances in pairs of them; each particle sums its own side of a contact. The device named by
+/// `GLEBE_TEST_DEVICE` (`gpu:N` or `cuda:N`) or the first, be it software; without one its suites are skipped aloud, and
+/// fail where CI is set or a device was named.
 #[cfg(feature = "gpu")]
 pub fn gpu() -> Option<&'static Subject> {
     use std::io::Write as _;
@@ -148,16 +149,27 @@ pub fn gpu() -> Option<&'static Subject> {
 
     use glebe_engine::backend::gpu::{Accelerator, Choice};
 
-    static FOUND: LazyLock<Option<Subject>> = LazyLock::new(|| match Accelerator::open(Choice::Any) {
-        Ok(accelerator) => Some(on_device(Backend::Gpu(accelerator))),
-        Err(why) => {
-            assert!(std::env::var_os("CI").is_none(), "the suites of the GPU backend must run in CI: {why}");
-            // Not as tests print, which is shown only if they fail.
-            let line = format!("SKIPPED: all suites of the GPU backend: {why}\n");
-            std::io::stderr().write_all(line.as_bytes()).unwrap();
-            None
-        }
-    });
+    fn named() -> Option<Choice> {
+        let name = std::env::var("GLEBE_TEST_DEVICE").ok()?;
+        let choice = match name.split_once(':') {
+            Some(("gpu", number)) => number.parse().ok().map(Choice::Adapter),
+            Some(("cuda", number)) => number.parse().ok().map(Choice::Cuda),
+            _ => None,
+        };
+        Some(choice.unwrap_or_else(|| panic!("GLEBE_TEST_DEVICE: `{name}` is neither gpu:N nor cuda:N")))
+    }
+    static FOUND: LazyLock<Option<Subject>> =
+        LazyLock::new(|| match Accelerator::open(named().unwrap_or(Choice::Any)) {
+            Ok(accelerator) => Some(on_device(Backend::Gpu(accelerator))),
+            Err(why) => {
+                let must = ["CI", "GLEBE_TEST_DEVICE"].iter().any(|name| std::env::var_os(name).is_some());
+                assert!(!must, "the suites of the GPU backend must run: {why}");
+                // Not as tests print, which is shown only if they fail.
+                let line = format!("SKIPPED: all suites of the GPU backend: {why}\n");
+                std::io::stderr().write_all(line.as_bytes()).unwrap();
+                None
+            }
+        });
     FOUND.as_ref()
 }
 
