@@ -10,11 +10,11 @@ use glebe_physics::kernel::vector::{V3, cross, scaled};
 
 use super::compensated::{Two3, gap, sum, whole};
 use super::layout::{
-    F4, NONE, PARTNER, SECOND, SLICE, Shape, Signature, TOUCHING, U4, flag, float_at, halt, status, world,
+    F4, NONE, PARTNER, SECOND, SLICE, Shape, Signature, TOUCHING, U4, float_at, status, world,
 };
 use super::pair::{Meeting, interact};
 use super::step::{Purpose, Sums, apart2, bits3, first3, four, pick, shared_push};
-use super::surfaces::{metres, surfaces_of};
+use super::surfaces::{metres, surfaces_of, too_deep};
 
 /// Candidates of a list that are looked at together: as many as a word has bits.
 const CHUNK: u32 = 32;
@@ -313,10 +313,37 @@ pub fn contacts_of(
     if comptime!(merged && !apart) {
         if near_block && desk.who[UNIT_POS as usize] != NONE {
             let o = UNIT_POS;
-            let e = at_surfaces(
-                desk, o, k, which, parity, padded, row_room, facet_room, t, w, dt, flags, worlds, refs, own,
-                pairs, place, vel, spin, bounds, poses, tris, verts, rows, facets, row_count, row_mem, push,
-                s, purpose,
+            let e = surfaces_of(
+                desk.rows[o as usize],
+                desk.who[o as usize],
+                k,
+                which,
+                parity,
+                padded,
+                row_room,
+                facet_room,
+                t,
+                w,
+                dt,
+                flags,
+                worlds,
+                place,
+                vel,
+                spin,
+                own,
+                refs,
+                pairs,
+                bounds,
+                poses,
+                tris,
+                verts,
+                rows,
+                facets,
+                row_count,
+                row_mem,
+                push,
+                s,
+                purpose,
             );
             fx = e.force.x;
             fy = e.force.y;
@@ -519,10 +546,37 @@ pub fn contacts_of(
                 if near_block && begin + window == 0u32 && UNIT_POS >= width {
                     let o = UNIT_POS - width;
                     if desk.who[o as usize] != NONE {
-                        let e = at_surfaces(
-                            desk, o, k, which, parity, padded, row_room, facet_room, t, w, dt, flags, worlds,
-                            refs, own, pairs, place, vel, spin, bounds, poses, tris, verts, rows, facets,
-                            row_count, row_mem, push, s, purpose,
+                        let e = surfaces_of(
+                            desk.rows[o as usize],
+                            desk.who[o as usize],
+                            k,
+                            which,
+                            parity,
+                            padded,
+                            row_room,
+                            facet_room,
+                            t,
+                            w,
+                            dt,
+                            flags,
+                            worlds,
+                            place,
+                            vel,
+                            spin,
+                            own,
+                            refs,
+                            pairs,
+                            bounds,
+                            poses,
+                            tris,
+                            verts,
+                            rows,
+                            facets,
+                            row_count,
+                            row_mem,
+                            push,
+                            s,
+                            purpose,
                         );
                         hand(desk, e.force, e.torque, units);
                         if comptime!(accounts) {
@@ -634,89 +688,4 @@ pub fn contacts_of(
         contacts,
         touches,
     }
-}
-
-/// The sums of the contacts of owner `o` with surfaces.
-#[cube]
-fn at_surfaces(
-    desk: &Desk,
-    o: u32,
-    k: u32,
-    which: u32,
-    parity: u32,
-    padded: u32,
-    row_room: u32,
-    facet_room: u32,
-    t: u32,
-    w: u32,
-    dt: f32,
-    flags: &mut Array<Atomic<u32>>,
-    worlds: &Array<u32>,
-    refs: &Array<U4>,
-    own: &Array<U4>,
-    pairs: &Array<F4>,
-    place: &Array<U4>,
-    vel: &Array<F4>,
-    spin: &Array<U4>,
-    bounds: &Array<u32>,
-    poses: &Array<u32>,
-    tris: &Array<U4>,
-    verts: &Array<F4>,
-    rows: &Array<u32>,
-    facets: &Array<u32>,
-    row_count: &mut Array<u32>,
-    row_mem: &mut Array<F4>,
-    push: &mut Array<F4>,
-    #[comptime] s: Signature,
-    #[comptime] purpose: Purpose,
-) -> Sums {
-    let i = desk.who[o as usize];
-    let mine = which * padded + i;
-    let me = (parity * padded + i) as usize;
-    let e = surfaces_of(
-        desk.rows[o as usize],
-        which,
-        mine,
-        parity,
-        padded,
-        row_room,
-        facet_room,
-        place[me],
-        vel[me],
-        spin[me],
-        own[(2u32 * mine + 1u32) as usize],
-        t,
-        w,
-        dt,
-        flags,
-        worlds,
-        refs,
-        pairs,
-        bounds,
-        poses,
-        tris,
-        verts,
-        rows,
-        facets,
-        row_count,
-        row_mem,
-        push,
-        s,
-        purpose,
-    );
-    if comptime!(purpose == Purpose::Step) {
-        if e.worst > float_at(worlds, w * world::WORDS + world::OVERLAP) {
-            too_deep(w, k, own[(2u32 * mine) as usize][3], flags);
-        }
-    }
-    e
-}
-
-/// Stops the world for an overlap of particle `id` above the limit.
-#[cube]
-pub fn too_deep(w: u32, k: u32, id: u32, flags: &mut Array<Atomic<u32>>) {
-    let f = w * flag::WORDS;
-    flags[(f + flag::HALT) as usize].fetch_max(halt::OVERLAP);
-    flags[(f + flag::WHO) as usize].fetch_min(id);
-    flags[(f + flag::STALE) as usize].fetch_min(k);
 }

@@ -8,7 +8,7 @@ use glebe_physics::kernel::integrate::{
 use glebe_physics::kernel::vector::{V3, dot, plus, scaled};
 
 use super::compensated::{sum, tidy};
-use super::contacts::{COLUMNS, contacts_of, desk, seat, too_deep};
+use super::contacts::{COLUMNS, contacts_of, desk, seat};
 use super::layout::{
     BLOCK, F4, LOOK, NONE, SIGHTS, SLOTS, SUMS, Signature, U4, active, boundary, flag, float_at, halt, pose,
     quick, status, world,
@@ -369,14 +369,10 @@ pub fn surfaces(
             let full = float_at(worlds, c + world::DT);
             let dt = if comptime!(purpose == Purpose::Step) { full } else { 0.0f32 * full };
             let i = rows[(2u32 * padded + 3u32 * (which * row_room + row) + 2u32) as usize];
-            let mine = which * padded + i;
-            let me = (parity * padded + i) as usize;
-            let (here, v4, turn) = (place[me], vel[me], spin[me]);
-            let rest = own[(2u32 * mine + 1u32) as usize];
             let q = surfaces_of(
-                row, which, mine, parity, padded, row_room, facet_room, here, v4, turn, rest, t, w, dt,
-                flags, worlds, refs, pairs, bounds, poses, tris, verts, rows, facets, row_count, row_mem,
-                push, s, purpose,
+                row, i, k, which, parity, padded, row_room, facet_room, t, w, dt, flags, worlds, place, vel,
+                spin, own, refs, pairs, bounds, poses, tris, verts, rows, facets, row_count, row_mem, push,
+                s, purpose,
             );
             let at = (row + 1u32) * ROW_QUADS;
             row_sums[at as usize] = four(q.force.x, q.force.y, q.force.z, q.energy_normal);
@@ -750,11 +746,6 @@ pub fn step(
                     flags[(f + flag::HALT) as usize].fetch_max(halt::RUNAWAY);
                     flags[(f + flag::WHO) as usize].fetch_min(home[3]);
                     flags[(f + flag::STALE) as usize].fetch_min(k);
-                }
-                if comptime!(s.surfaces && !s.merged) {
-                    if q.worst > float_at(worlds, c + world::OVERLAP) {
-                        too_deep(w, k, home[3], flags);
-                    }
                 }
                 if comptime!(s.ledger) {
                     // Dissipating forces act over the step with the mean of old and new velocity; in a split

@@ -293,27 +293,37 @@ fn less(a: Two, b: f32, c: f32) -> Two {
     minus2(minus2(a, sum(b, 0.0f32)), sum(c, 0.0f32))
 }
 
-/// The sums of the contacts of a particle with surfaces.
+/// Stops the world for an overlap of particle `id` above the limit.
+#[cube]
+pub fn too_deep(w: u32, k: u32, id: u32, flags: &mut Array<Atomic<u32>>) {
+    let f = w * flag::WORDS;
+    flags[(f + flag::HALT) as usize].fetch_max(halt::OVERLAP);
+    flags[(f + flag::WHO) as usize].fetch_min(id);
+    flags[(f + flag::STALE) as usize].fetch_min(k);
+}
+
+/// The sums of the contacts of particle `i`, which has `row`, with surfaces. An overlap above the limit stops the world.
 // Variables of a kernel begin with a value, read or not.
 #[allow(unused_assignments)]
 #[cube]
 pub fn surfaces_of(
     row: u32,
+    i: u32,
+    k: u32,
     which: u32,
-    mine: u32,
     parity: u32,
     padded: u32,
     row_room: u32,
     facet_room: u32,
-    here: U4,
-    moving: F4,
-    turn: U4,
-    rest: U4,
     t: u32,
     world: u32,
     dt: f32,
     flags: &mut Array<Atomic<u32>>,
     worlds: &Array<u32>,
+    place: &Array<U4>,
+    vel: &Array<F4>,
+    spin: &Array<U4>,
+    own: &Array<U4>,
     refs: &Array<U4>,
     pairs: &Array<F4>,
     bounds: &Array<u32>,
@@ -337,6 +347,10 @@ pub fn surfaces_of(
     // A force that is taken after the motion meets surfaces where they are then.
     let split = comptime!(s.integrator == IntegratorKind::VelocityVerlet && purpose == Purpose::Step);
     let now = if comptime!(split) { t + 1u32 } else { t };
+    let mine = which * padded + i;
+    let me = (parity * padded + i) as usize;
+    let (here, moving, turn) = (place[me], vel[me], spin[me]);
+    let rest = own[(2u32 * mine + 1u32) as usize];
     let (v, w) = (first3(moving), bits3(turn));
     let (im, r) = (moving[3], f32::reinterpret(here[3]));
     let lo_ref = refs[(2u32 * mine) as usize];
@@ -351,15 +365,10 @@ pub fn surfaces_of(
         lo: here,
         rest,
     };
-    let mut entries = 0u32;
-    let mut first = 0u32;
-    let mut old_n = 0u32;
-    if row != NONE {
-        let at = 2u32 * padded + 3u32 * (which * row_room + row);
-        first = which * facet_room + rows[at as usize];
-        entries = rows[(at + 1u32) as usize];
-        old_n = row_count[(parity * row_room + row) as usize];
-    }
+    let table_row = 2u32 * padded + 3u32 * (which * row_room + row);
+    let first = which * facet_room + rows[table_row as usize];
+    let entries = rows[(table_row + 1u32) as usize];
+    let old_n = row_count[(parity * row_room + row) as usize];
     let old = (parity * row_room + row) * SLOTS;
     let new = ((1u32 - parity) * row_room + row) * SLOTS;
 
@@ -615,8 +624,9 @@ pub fn surfaces_of(
         }
     }
     if comptime!(purpose == Purpose::Step) {
-        if row != NONE {
-            row_count[((1u32 - parity) * row_room + row) as usize] = min(slots, SLOTS);
+        row_count[((1u32 - parity) * row_room + row) as usize] = min(slots, SLOTS);
+        if worst > float_at(worlds, c + world::OVERLAP) {
+            too_deep(world, k, hi_ref[3], flags);
         }
     }
     Sums {
