@@ -104,9 +104,12 @@ fn one_step_agrees(on: &Subject, name: &str, copies: usize, run: &mut Run, refer
             sizes[*i as usize] += norm(f.map(f64::from));
         }
     }
+    let before = reference.bodies();
     run.steps(1);
     reference.steps(1);
+    let (dt, damping) = (reference.c.dt, reference.c.spec.local_damping);
     for (i, (a, b)) in run.bodies().iter().zip(reference.bodies()).enumerate() {
+        let inertia = 0.4 * b.mass * b.radius * b.radius;
         // What the network does not hold, contacts with surfaces, is at most this.
         let size = 2.0 * sizes[i] + norm(b.force);
         let off = norm(sub(a.force, b.force));
@@ -115,7 +118,11 @@ fn one_step_agrees(on: &Subject, name: &str, copies: usize, run: &mut Run, refer
             "{name}: force on {i} off by {:.2e} of {size:.3e} N",
             off / size
         );
-        let off = norm(sub(a.torque, b.torque));
+        let off = std::array::from_fn(|k| {
+            let by_chance = left_to_rounding(b.torque[k], inertia * before[i].w[k] / dt, damping);
+            ((a.torque[k] - b.torque[k]).abs() - by_chance).max(0.0)
+        });
+        let off = norm(off);
         let size = size * b.radius;
         assert!(
             off <= on.bounds.torque * size,
@@ -123,6 +130,17 @@ fn one_step_agrees(on: &Subject, name: &str, copies: usize, run: &mut Run, refer
             off / size
         );
     }
+}
+
+/// How far a damped torque may be off because local damping takes its sign from the spin at mid-step: rolling
+/// resistance at several contacts turns a spin into its opposite, and its sign there is chance. `stop` is the torque
+/// that stops the spin in one step.
+fn left_to_rounding(damped: f64, stop: f64, damping: f64) -> f64 {
+    [-1.0, 1.0]
+        .map(|sign| damped / (1.0 - sign * damping))
+        .into_iter()
+        .filter(|free| (stop + 0.5 * free).abs() < 1e-5 * free.abs())
+        .fold(0.0, |_, free| 2.0 * damping * free.abs())
 }
 
 pub fn short_trajectories_equal_the_reference(on: &Subject) {
