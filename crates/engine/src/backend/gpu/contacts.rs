@@ -18,6 +18,10 @@ use super::surfaces::{metres, surfaces_of, too_deep};
 
 /// Candidates of a list that are looked at together: as many as a word has bits.
 const CHUNK: u32 = 32;
+/// Candidates that a unit loads together where it looks at a particle's whole list; half as many where units share it.
+const AHEAD: u32 = 4;
+/// Added to the count of an owner whose list is longer than what was looked at so far.
+const LONGER: u32 = 0x1_0000;
 /// Owners whose counts one unit adds up.
 const STRIDE: u32 = 16;
 /// Columns of the shared table: for what units hand to owners, and for the sums over a block at the end of a step.
@@ -91,8 +95,10 @@ pub fn seat(
                     there = rows[(which * padded + slot) as usize] == NONE;
                 }
             } else {
-                row = slot - padded;
-                there = row - worlds[(c + world::ROWS) as usize] < states[(st + status::ROWS) as usize];
+                let near = comptime!(s.shape.near);
+                row = (block - padded / comptime!(s.shape.owners)) * near + UNIT_POS;
+                there = UNIT_POS < near
+                    && row - worlds[(c + world::ROWS) as usize] < states[(st + status::ROWS) as usize];
                 if there {
                     i = rows[(2u32 * padded + 3u32 * (which * row_room + row) + 2u32) as usize];
                 }
@@ -130,30 +136,46 @@ fn near(
     #[comptime] purpose: Purpose,
 ) -> u32 {
     let groups = comptime!(s.shape.units / s.shape.owners);
+    let ahead = comptime!(if groups == 1 { AHEAD } else { AHEAD / 2 });
     let mut bits = 0u32;
+    let mut gone = 0u32;
     let many = desk.many[o as usize];
     let mut q = begin + UNIT_POS / comptime!(s.shape.owners);
     let end = min(many, begin + CHUNK);
+    let from = desk.from[o as usize];
     if q < end {
         let here = place[(half + desk.who[o as usize]) as usize];
-        let r_i = f32::reinterpret(here[3]);
-        let range = float_at(worlds, c + world::RANGE);
-        let from = desk.from[o as usize];
+        let reach_i = (f32::reinterpret(here[3]) + float_at(worlds, c + world::RANGE)) * 1.000_001f32;
         while q < end {
-            let at = (from + q * SLICE) as usize;
-            let entry = nbr[at];
-            let there = place[(half + (entry & PARTNER)) as usize];
-            let reach = (r_i + f32::reinterpret(there[3]) + range) * 1.000_001f32;
-            if apart2(worlds, c, here, there, comptime!(s.orthogonal)) < reach * reach {
-                bits |= 1u32 << (q - begin);
-            } else {
-                if comptime!(purpose == Purpose::Step) {
-                    if entry & TOUCHING != 0u32 {
-                        nbr[at] = entry & comptime!(!TOUCHING);
-                    }
-                }
+            // Several at a time, so that their loads are under way together.
+            let mut entries = Array::<u32>::new(comptime!(ahead as usize));
+            let mut places = Array::<U4>::new(comptime!(ahead as usize));
+            #[unroll]
+            for k in 0..ahead {
+                entries[k as usize] = nbr[(from + min(q + k * groups, end - 1u32) * SLICE) as usize];
             }
-            q += groups;
+            #[unroll]
+            for k in 0..ahead {
+                places[k as usize] = place[(half + (entries[k as usize] & PARTNER)) as usize];
+            }
+            #[unroll]
+            for k in 0..ahead {
+                let at = q + k * groups;
+                let there = places[k as usize];
+                let reach = reach_i + f32::reinterpret(there[3]) * 1.000_001f32;
+                let bit = select(at < end, 1u32 << ((at - begin) % CHUNK), 0u32);
+                let close = apart2(worlds, c, here, there, comptime!(s.orthogonal)) < reach * reach;
+                bits |= select(close, bit, 0u32);
+                gone |= select(!close && entries[k as usize] & TOUCHING != 0u32, bit, 0u32);
+            }
+            q += comptime!(ahead * groups);
+        }
+    }
+    if comptime!(purpose == Purpose::Step) {
+        while gone != 0u32 {
+            let at = (from + (begin + gone.find_first_set() - 1u32) * SLICE) as usize;
+            gone &= gone - 1u32;
+            nbr[at] = nbr[at] & comptime!(!TOUCHING);
         }
     }
     bits
@@ -170,7 +192,7 @@ fn before(desk: &Desk) -> u32 {
     for k in stride * STRIDE..UNIT_POS {
         sum += desk.counts[k as usize];
     }
-    sum
+    sum % LONGER
 }
 
 /// Two vectors in the table.
@@ -267,9 +289,9 @@ pub fn contacts_of(
     let merged = comptime!(s.surfaces && s.merged);
     // The last units of a block of particles near surfaces look at those.
     let units = comptime!(s.shape.units);
-    let apart = comptime!(s.shape.units > s.shape.owners);
+    let near_owners = comptime!(s.shape.near);
     let near_block = merged && block * owners >= padded;
-    let width = select(near_block && apart, units - owners, units.runtime());
+    let width = select(near_block, units - near_owners, units.runtime());
 
     let mut fx = 0.0f32;
     let mut fy = 0.0f32;
@@ -297,85 +319,9 @@ pub fn contacts_of(
     let mut contacts = 0u32;
     let mut touches = 0u32;
 
-    if UNIT_POS < comptime!(s.shape.owners / STRIDE) {
-        let mut most = 0u32;
-        for q in UNIT_POS * STRIDE..(UNIT_POS + 1u32) * STRIDE {
-            most = max(most, desk.many[q as usize]);
-        }
-        desk.totals[UNIT_POS as usize] = most;
-    }
-    sync_cube();
-    let mut longest = 0u32;
-    for q in 0..comptime!(s.shape.owners / STRIDE).runtime() {
-        longest = max(longest, desk.totals[q as usize]);
-    }
-
-    if comptime!(merged && !apart) {
-        if near_block && desk.who[UNIT_POS as usize] != NONE {
-            let o = UNIT_POS;
-            let e = surfaces_of(
-                desk.rows[o as usize],
-                desk.who[o as usize],
-                k,
-                which,
-                parity,
-                padded,
-                row_room,
-                facet_room,
-                t,
-                w,
-                dt,
-                flags,
-                worlds,
-                place,
-                vel,
-                spin,
-                own,
-                refs,
-                pairs,
-                bounds,
-                poses,
-                tris,
-                verts,
-                rows,
-                facets,
-                row_count,
-                row_mem,
-                push,
-                s,
-                purpose,
-            );
-            fx = e.force.x;
-            fy = e.force.y;
-            fz = e.force.z;
-            tx = e.torque.x;
-            ty = e.torque.y;
-            tz = e.torque.z;
-            dx = e.dash.x;
-            dy = e.dash.y;
-            dz = e.dash.z;
-            gx = e.drag.x;
-            gy = e.drag.y;
-            gz = e.drag.z;
-            rx = e.roll.x;
-            ry = e.roll.y;
-            rz = e.roll.z;
-            energy_normal += e.energy_normal;
-            energy_tangential += e.energy_tangential;
-            energy_before += e.energy_before;
-            friction_loss += e.friction_loss;
-            dash_power += e.dash_power;
-            roll_power += e.roll_power;
-            work += e.work;
-            touches += e.touches;
-            worst = f32::max(worst, e.worst);
-        }
-    }
-
     let mut begin = 0u32;
-    // Units of a block near surfaces have something to do without any candidate.
-    let chunks = max((longest + CHUNK - 1u32) / CHUNK, select(near_block && apart, 1u32, 0u32));
-    for _chunk in 0..chunks {
+    let mut more = true;
+    while more {
         let bits = near(desk, UNIT_POS % owners, begin, half, c, worlds, place, nbr, s, purpose);
         desk.bits[UNIT_POS as usize] = bits;
         sync_cube();
@@ -384,7 +330,8 @@ pub fn contacts_of(
             for g in 0..comptime!(s.shape.units / s.shape.owners).runtime() {
                 left |= desk.bits[(g * owners + UNIT_POS) as usize];
             }
-            desk.counts[UNIT_POS as usize] = left.count_ones();
+            desk.counts[UNIT_POS as usize] =
+                left.count_ones() + select(desk.many[UNIT_POS as usize] > begin + CHUNK, LONGER, 0u32);
         }
         sync_cube();
         if UNIT_POS < comptime!(s.shape.owners / STRIDE) {
@@ -399,6 +346,8 @@ pub fn contacts_of(
         for q in 0..comptime!(s.shape.owners / STRIDE).runtime() {
             total += desk.totals[q as usize];
         }
+        more = total >= LONGER;
+        total %= LONGER;
         let mut next = 0u32;
         let mut summed = 0u32;
         let mut end = 0u32;
@@ -409,7 +358,8 @@ pub fn contacts_of(
         }
 
         let mut window = 0u32;
-        let due = max(total, select(near_block && apart && begin == 0u32, 1u32, 0u32));
+        // Units of a block near surfaces have something to do without any contact.
+        let due = max(total, select(near_block && begin == 0u32, 1u32, 0u32));
         while window < due {
             while left != 0u32 && next < window + width {
                 let q = left.find_first_set() - 1u32;
@@ -542,7 +492,7 @@ pub fn contacts_of(
                 }
                 hand(desk, force, torque, units);
             }
-            if comptime!(merged && apart) {
+            if comptime!(merged) {
                 if near_block && begin + window == 0u32 && UNIT_POS >= width {
                     let o = UNIT_POS - width;
                     if desk.who[o as usize] != NONE {
@@ -607,7 +557,7 @@ pub fn contacts_of(
             let last = max(summed, min(end, window + width));
             summed = last;
             let mut extra = NONE.runtime();
-            if near_block && apart && begin + window == 0u32 && UNIT_POS < owners {
+            if near_block && begin + window == 0u32 && UNIT_POS < near_owners {
                 extra = select(desk.who[UNIT_POS as usize] != NONE, width + UNIT_POS, NONE);
             }
             if UNIT_POS < owners {
@@ -648,15 +598,14 @@ pub fn contacts_of(
     }
     if comptime!(merged && purpose == Purpose::Step) {
         if near_block {
-            let takes_part = !apart || UNIT_POS >= width;
-            let lane = if comptime!(apart) { UNIT_POS - width } else { UNIT_POS };
+            let lane = UNIT_POS - width;
             let mut row = NONE.runtime();
-            if takes_part {
+            if UNIT_POS >= width {
                 row = desk.rows[lane as usize];
             }
             shared_push(
                 &mut desk.table,
-                takes_part,
+                UNIT_POS >= width,
                 lane,
                 row,
                 block - padded / owners,
@@ -666,7 +615,7 @@ pub fn contacts_of(
                 parity,
                 row_count,
                 push,
-                owners,
+                near_owners,
                 units,
             );
         }

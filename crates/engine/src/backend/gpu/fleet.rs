@@ -407,7 +407,7 @@ impl Group {
             row_sums: device
                 .zeros(if signature.merged { 1 } else { (row_room + 1) * step::ROW_QUADS as usize }, QUAD),
             sums: device.zeros(1, 4),
-            sights: device.zeros((n + row_room) / signature.shape.owners as usize * SIGHTS as usize, 4),
+            sights: device.zeros(signature.blocks(n, row_room) * SIGHTS as usize, 4),
             series: device.zeros(1, 4),
             bins: device.zeros(n, 4),
             counters: device.zeros(cells as usize, 4),
@@ -981,24 +981,20 @@ impl Group {
         }
     }
 
-    /// Whether particles near surfaces have blocks of their own in a step.
-    fn near_blocks(&self) -> bool {
-        self.signature.surfaces && self.signature.merged
-    }
-
-    /// Blocks of a step: of all particles, then of those near surfaces.
+    /// Blocks of a step.
     fn blocks(&self) -> usize {
-        ((self.padded + if self.near_blocks() { self.rooms[1] } else { 0 }) / self.signature.shape.owners)
-            as usize
+        self.signature.blocks(self.padded as usize, self.rooms[1] as usize)
     }
 
     /// The blocks of a world.
     fn blocks_of(&self, w: usize) -> impl Iterator<Item = usize> + use<> {
-        let r = &self.regions[w];
-        let owners = self.signature.shape.owners;
-        let of = |first: u32, count: u32| (first / owners) as usize..((first + count) / owners) as usize;
-        let near = if self.near_blocks() { r.rooms.rows } else { 0 };
-        of(r.first, r.blocks * BLOCK).chain(of(self.padded + r.begins[1], near))
+        let (r, shape) = (&self.regions[w], self.signature.shape);
+        let far = self.padded / shape.owners;
+        let of = |first: u32, end: u32| first as usize..end as usize;
+        let rows = if self.signature.near_blocks() { r.rooms.rows } else { 0 };
+        let begins = far + r.begins[1] / shape.near;
+        of(r.first / shape.owners, (r.first + r.blocks * BLOCK) / shape.owners)
+            .chain(of(begins, begins + rows / shape.near))
     }
 
     fn launch_step<R: Runtime>(&self, device: &Device<R>, k: u32, purpose: Purpose, sums: &Buffer) {

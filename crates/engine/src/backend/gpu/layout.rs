@@ -65,9 +65,20 @@ pub struct Signature {
 }
 
 impl Signature {
+    /// Whether particles near surfaces have blocks of their own in a step.
+    pub fn near_blocks(&self) -> bool {
+        self.surfaces && self.merged
+    }
+
+    /// Blocks of a step over `padded` particles and `rows` of those near surfaces, which come last.
+    pub fn blocks(&self, padded: usize, rows: usize) -> usize {
+        let near = if self.near_blocks() { rows / self.shape.near as usize } else { 0 };
+        padded / self.shape.owners as usize + near
+    }
+
     /// Particles near surfaces that share a block.
     pub fn rows_of_block(&self) -> usize {
-        (if self.merged { self.shape.owners } else { BLOCK }) as usize
+        (if self.merged { self.shape.near } else { BLOCK }) as usize
     }
 }
 
@@ -78,16 +89,19 @@ pub struct Shape {
     pub owners: u32,
     /// Units.
     pub units: u32,
+    /// Particles of a block of those near surfaces, fewer than units: as many units look at surfaces meanwhile.
+    pub near: u32,
 }
 
 impl Shape {
     /// The shape for a world. Most are best served by a unit for each particle, in blocks so small that none waits long
-    /// for another; where particles are too few to fill a device, more units shorten the longest chain.
+    /// for another; where particles are too few to fill a device, more units shorten the longest chain. Blocks near
+    /// surfaces own few particles, since theirs is the longest.
     pub fn of(count: usize) -> Self {
         match count {
-            1025..=16_384 => Self { owners: SLICE, units: BLOCK },
-            0..=1024 => Self { owners: SLICE, units: SLICE },
-            _ => Self { owners: 2 * SLICE, units: 2 * SLICE },
+            1025..=16_384 => Self { owners: SLICE, units: BLOCK, near: SLICE },
+            0..=1024 => Self { owners: SLICE, units: SLICE, near: SLICE / 2 },
+            _ => Self { owners: 2 * SLICE, units: 2 * SLICE, near: SLICE / 2 },
         }
     }
 }

@@ -585,7 +585,11 @@ pub fn step(
     let far = padded / comptime!(s.shape.owners);
     let near = blocks - far;
     let block = select(launched < near, launched + far, launched - near);
-    let w = world_of[(block * comptime!(s.shape.owners) / BLOCK) as usize];
+    let w = world_of[select(
+        block < far,
+        block * comptime!(s.shape.owners) / BLOCK,
+        padded / BLOCK + (max(block, far) - far) * comptime!(s.shape.near) / BLOCK,
+    ) as usize];
     if u32::cast_from(CUBE_POS) < blocks && runs(states, flags, w, k, purpose) {
         let c = w * world::WORDS;
         let st = w * status::WORDS;
