@@ -99,9 +99,9 @@ impl Shape {
     /// surfaces own few particles, since theirs is the longest.
     pub fn of(count: usize) -> Self {
         match count {
-            1025..=16_384 => Self { owners: SLICE, units: BLOCK, near: SLICE },
+            1025..=16_384 => Self { owners: SLICE, units: 4 * SLICE, near: SLICE / 2 },
             0..=1024 => Self { owners: SLICE, units: SLICE, near: SLICE / 2 },
-            _ => Self { owners: 2 * SLICE, units: 2 * SLICE, near: SLICE / 2 },
+            _ => Self { owners: 2 * SLICE, units: 2 * SLICE, near: SLICE },
         }
     }
 }
