@@ -11,7 +11,7 @@ use glebe_physics::kernel::vector::{V3, cross, scaled};
 use super::compensated::{Two3, gap, sum, whole};
 use super::layout::{F4, NONE, PARTNER, SECOND, SLICE, Signature, TOUCHING, U4, float_at, status, world};
 use super::pair::{Meeting, interact};
-use super::step::{Purpose, Sums, apart2, bits3, first3, four, pick, shared_push};
+use super::step::{Purpose, Sums, apart2, bits3, first3, four, pick, shared_push, zero};
 use super::surfaces::{metres, surfaces_of, too_deep};
 
 /// Candidates of a list that are looked at together: as many as a word has bits.
@@ -25,7 +25,7 @@ const STRIDE: u32 = 16;
 /// Columns of the sums over a block at the end of a step.
 pub const COLUMNS: u32 = 10;
 /// Bytes that the table of contacts may take, so that a block needs less than 16 KiB.
-const TABLE: u32 = 12_288;
+const TABLE: u32 = 11_000;
 /// Most contacts of one unit in the table.
 const ROUNDS: u32 = 8;
 
@@ -48,6 +48,8 @@ pub struct Desk {
     totals: SharedMemory<u32>,
     /// What contacts hand to their owners, in columns; then the sums over the block.
     pub table: SharedMemory<f32>,
+    /// Its sums over each owner's contacts so far.
+    owned: SharedMemory<f32>,
 }
 
 /// Whether what dissipates is handed over as well.
@@ -82,6 +84,7 @@ pub fn desk(#[comptime] s: Signature, #[comptime] purpose: Purpose) -> Desk {
         table: SharedMemory::<f32>::new(comptime!(
             (columns(s, purpose) * room).max(COLUMNS * shape.units) as usize
         )),
+        owned: SharedMemory::<f32>::new(comptime!((columns(s, purpose) * shape.owners) as usize)),
     }
 }
 
@@ -202,15 +205,18 @@ fn near(
 }
 
 /// The exclusive sum of the counts of the owners before this unit.
+// Written out: nvcc takes far more registers for the whole kernel where it unrolls such loops itself.
 #[cube]
-fn before(desk: &Desk) -> u32 {
+fn before(desk: &Desk, #[comptime] owners: u32) -> u32 {
     let mut sum = 0u32;
     let stride = UNIT_POS / STRIDE;
-    for k in 0..stride {
-        sum += desk.totals[k as usize];
+    #[unroll]
+    for k in 0..comptime!(owners / STRIDE) {
+        sum += select(k < stride, desk.totals[k as usize], 0u32);
     }
-    for k in stride * STRIDE..UNIT_POS {
-        sum += desk.counts[k as usize];
+    #[unroll]
+    for k in 0..STRIDE {
+        sum += select(k < UNIT_POS % STRIDE, desk.counts[(stride * STRIDE + k) as usize], 0u32);
     }
     sum % LONGER
 }
@@ -223,26 +229,48 @@ fn hand(desk: &mut Desk, row: u32, x: V3, #[comptime] column: u32, #[comptime] r
     desk.table[((column + 2u32) * room + row) as usize] = x.z;
 }
 
-/// The sum of the rows from `first` to `last`, and of row `extra` if that is not `NONE`, in three columns.
+/// Adds the rows from `first` to `last`, and row `extra` if that is not `NONE`, to the owner's sums in the three columns
+/// from `column` on.
+// The sums are kept in shared memory and the loop is one that compilers cannot count: nvcc would unroll it, and both
+// would take so many registers that fewer blocks run.
 #[cube]
-fn taken(
-    desk: &Desk,
+fn add_up(
+    desk: &mut Desk,
     first: u32,
     last: u32,
     extra: u32,
     #[comptime] column: u32,
     #[comptime] room: u32,
-) -> V3 {
+    #[comptime] owners: u32,
+) {
     let mut x = 0.0f32;
     let mut y = 0.0f32;
     let mut z = 0.0f32;
-    // One more turn for the row apart.
-    let turns = last - first + select(extra != NONE, 1u32, 0u32);
-    for k in 0..turns {
-        let row = select(first + k < last, first + k, extra);
-        x += desk.table[(column * room + row) as usize];
-        y += desk.table[((column + 1u32) * room + row) as usize];
-        z += desk.table[((column + 2u32) * room + row) as usize];
+    let mut row = select(first < last, first, extra);
+    while row != NONE {
+        let at = column * room + row;
+        x += desk.table[at as usize];
+        y += desk.table[(room + at) as usize];
+        z += desk.table[(2u32 * room + at) as usize];
+        row = select(row + 1u32 < last, row + 1u32, select(row == extra, NONE, extra));
+    }
+    let mine = column * owners + UNIT_POS;
+    desk.owned[mine as usize] += x;
+    desk.owned[(owners + mine) as usize] += y;
+    desk.owned[(2u32 * owners + mine) as usize] += z;
+}
+
+/// The owner's sums in three columns; zero for units that own nothing.
+#[cube]
+fn owned(desk: &Desk, #[comptime] column: u32, #[comptime] owners: u32) -> V3 {
+    let mut x = 0.0f32;
+    let mut y = 0.0f32;
+    let mut z = 0.0f32;
+    if UNIT_POS < owners {
+        let mine = column * owners + UNIT_POS;
+        x = desk.owned[mine as usize];
+        y = desk.owned[(owners + mine) as usize];
+        z = desk.owned[(2u32 * owners + mine) as usize];
     }
     V3 { x, y, z }
 }
@@ -307,21 +335,6 @@ pub fn contacts_of(
     // Their rows are the last of the table.
     let free = select(near_block, room - near_owners, room.runtime());
 
-    let mut fx = 0.0f32;
-    let mut fy = 0.0f32;
-    let mut fz = 0.0f32;
-    let mut tx = 0.0f32;
-    let mut ty = 0.0f32;
-    let mut tz = 0.0f32;
-    let mut dx = 0.0f32;
-    let mut dy = 0.0f32;
-    let mut dz = 0.0f32;
-    let mut gx = 0.0f32;
-    let mut gy = 0.0f32;
-    let mut gz = 0.0f32;
-    let mut rx = 0.0f32;
-    let mut ry = 0.0f32;
-    let mut rz = 0.0f32;
     let mut energy_normal = 0.0f32;
     let mut energy_tangential = 0.0f32;
     let mut energy_before = 0.0f32;
@@ -333,6 +346,12 @@ pub fn contacts_of(
     let mut contacts = 0u32;
     let mut touches = 0u32;
 
+    if UNIT_POS < owners {
+        #[unroll]
+        for q in 0..comptime!(columns(s, purpose)) {
+            desk.owned[(q * owners + UNIT_POS) as usize] = 0.0f32;
+        }
+    }
     let held_at = comptime!((s.shape.owners / STRIDE) as usize);
     let mut first_round = true;
     let mut more = true;
@@ -356,14 +375,16 @@ pub fn contacts_of(
         sync_cube();
         if UNIT_POS < comptime!(s.shape.owners / STRIDE) {
             let mut n = 0u32;
-            for q in UNIT_POS * STRIDE..(UNIT_POS + 1u32) * STRIDE {
-                n += desk.counts[q as usize];
+            #[unroll]
+            for q in 0..STRIDE {
+                n += desk.counts[(UNIT_POS * STRIDE + q) as usize];
             }
             desk.totals[UNIT_POS as usize] = n;
         }
         sync_cube();
         let mut total = 0u32;
-        for q in 0..comptime!(s.shape.owners / STRIDE).runtime() {
+        #[unroll]
+        for q in 0..comptime!(s.shape.owners / STRIDE) {
             total += desk.totals[q as usize];
         }
         more = total >= LONGER || total > free;
@@ -371,7 +392,7 @@ pub fn contacts_of(
         let mut first = 0u32;
         let mut served = false;
         if UNIT_POS < owners {
-            first = before(desk);
+            first = before(desk, owners);
             served = first + number <= free;
             if served {
                 let mut after = LONGER.runtime();
@@ -587,27 +608,9 @@ pub fn contacts_of(
             if near_block && first_round && UNIT_POS < near_owners {
                 extra = select(desk.who[UNIT_POS as usize] != NONE, free + UNIT_POS, NONE);
             }
-            let f = taken(desk, first, last, extra, 0u32, room);
-            fx += f.x;
-            fy += f.y;
-            fz += f.z;
-            let m = taken(desk, first, last, extra, 3u32, room);
-            tx += m.x;
-            ty += m.y;
-            tz += m.z;
-            if comptime!(accounts) {
-                let dash = taken(desk, first, last, extra, 6u32, room);
-                dx += dash.x;
-                dy += dash.y;
-                dz += dash.z;
-                let drag = taken(desk, first, last, extra, 9u32, room);
-                gx += drag.x;
-                gy += drag.y;
-                gz += drag.z;
-                let roll = taken(desk, first, last, extra, 12u32, room);
-                rx += roll.x;
-                ry += roll.y;
-                rz += roll.z;
+            #[unroll]
+            for q in 0..comptime!(columns(s, purpose) / 3) {
+                add_up(desk, first, last, extra, 3u32 * q, room, owners);
             }
             if served {
                 desk.from[UNIT_POS as usize] += CHUNK * SLICE;
@@ -642,11 +645,11 @@ pub fn contacts_of(
         }
     }
     Sums {
-        force: V3 { x: fx, y: fy, z: fz },
-        torque: V3 { x: tx, y: ty, z: tz },
-        dash: V3 { x: dx, y: dy, z: dz },
-        drag: V3 { x: gx, y: gy, z: gz },
-        roll: V3 { x: rx, y: ry, z: rz },
+        force: owned(desk, 0u32, owners),
+        torque: owned(desk, 3u32, owners),
+        dash: if comptime!(accounts) { owned(desk, 6u32, owners) } else { zero() },
+        drag: if comptime!(accounts) { owned(desk, 9u32, owners) } else { zero() },
+        roll: if comptime!(accounts) { owned(desk, 12u32, owners) } else { zero() },
         energy_normal,
         energy_tangential,
         energy_before,
