@@ -1,5 +1,6 @@
 //! Batches of worlds and their stages: the only thing that runs. A single simulation is a batch of one.
 
+use std::convert::Infallible;
 use std::sync::Arc;
 
 use serde::Serialize;
@@ -19,6 +20,8 @@ const PATIENCE: u64 = 100;
 pub enum Status {
     /// Under way.
     Running,
+    /// Held until it is given the state to begin from ([`Batch::begin_from`]).
+    Waiting,
     /// All stages ended.
     Done,
     /// Stopped with a reason; the other worlds of the batch go on.
@@ -89,10 +92,34 @@ pub trait Observer {
     type Error;
     /// A row of the series.
     fn sample(&mut self, world: usize, sample: &Sample) -> Result<(), Self::Error>;
+    /// Whether frames are wanted. Those that nobody wants are counted all the same, and cost nothing.
+    fn wants_frames(&self) -> bool {
+        true
+    }
     /// A frame is due.
     fn frame(&mut self, world: usize, frame: &Frame<'_>) -> Result<(), Self::Error>;
     /// A stage ended.
     fn stage_ended(&mut self, world: usize, index: usize, result: &StageResult) -> Result<(), Self::Error>;
+}
+
+/// An [`Observer`] that looks at nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Blind;
+
+impl Observer for Blind {
+    type Error = Infallible;
+    fn sample(&mut self, _: usize, _: &Sample) -> Result<(), Infallible> {
+        Ok(())
+    }
+    fn wants_frames(&self) -> bool {
+        false
+    }
+    fn frame(&mut self, _: usize, _: &Frame<'_>) -> Result<(), Infallible> {
+        Ok(())
+    }
+    fn stage_ended(&mut self, _: usize, _: usize, _: &StageResult) -> Result<(), Infallible> {
+        Ok(())
+    }
 }
 
 /// A batch of worlds on one backend.
@@ -132,15 +159,16 @@ impl Batch {
                 let every = (sampling.series / constants.dt).round().max(1.0) as u64;
                 let interval = every as f64 * constants.dt;
                 let frames = sampling.frames.map(|f| (f / interval).round().max(1.0) as u64);
-                let done = state.progress.stage >= constants.spec.stages.len();
-                World {
+                let mut world = World {
                     particles: state.particles.len(),
                     progress: state.progress,
-                    status: if done { Status::Done } else { Status::Running },
+                    status: Status::Running,
                     constants,
                     every,
                     frames,
-                }
+                };
+                world.status = world.by_stages();
+                world
             })
             .collect();
         Self { worlds, fleet, backend }
@@ -208,6 +236,26 @@ impl Batch {
         self.fleet.detail(world, &state)
     }
 
+    /// Holds a world that is under way until it is given a state.
+    pub fn wait(&mut self, world: usize) {
+        let status = &mut self.worlds[world].status;
+        if *status == Status::Running {
+            *status = Status::Waiting;
+        }
+    }
+    /// Lets a waiting world begin from a state, or from its own if there is none.
+    pub fn begin_from(&mut self, world: usize, state: Option<State>) {
+        if self.worlds[world].status != Status::Waiting {
+            return;
+        }
+        if let Some(mut state) = state {
+            self.fleet.load(world, &mut state);
+            self.worlds[world].particles = state.particles.len();
+            self.worlds[world].progress = state.progress;
+        }
+        self.worlds[world].status = self.worlds[world].by_stages();
+    }
+
     /// Advances every running world to its next sample or stage end, and reports.
     pub fn advance<O: Observer>(&mut self, observer: &mut O) -> Result<(), O::Error> {
         for w in 0..self.worlds.len() {
@@ -268,6 +316,10 @@ impl Batch {
     }
 
     fn frame<O: Observer>(&mut self, w: usize, observer: &mut O) -> Result<(), O::Error> {
+        if !observer.wants_frames() {
+            self.worlds[w].progress.frames += 1;
+            return Ok(());
+        }
         let state = self.state(w);
         let detail = self.fleet.detail(w, &state);
         if self.fails(w) {
@@ -407,6 +459,12 @@ impl Batch {
 }
 
 impl World {
+    /// How a world that did not fail stands.
+    fn by_stages(&self) -> Status {
+        let done = self.progress.stage >= self.constants.spec.stages.len();
+        if done { Status::Done } else { Status::Running }
+    }
+
     fn time(&self) -> f64 {
         self.progress.step as f64 * self.constants.dt
     }

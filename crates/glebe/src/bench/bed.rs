@@ -5,11 +5,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glebe_engine::backend::Backend;
-use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status};
+use glebe_engine::batch::{Batch, Blind, Status};
 use glebe_engine::generate::{FillRequest, GenerateError, Region, generate, solid_volume};
 use glebe_engine::lattice::cross;
 use glebe_engine::spec::{Domain, Side, Stage, Step, Time, Until, Vec3, WorldSpec};
-use glebe_engine::state::{StageResult, State};
+use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
 use glebe_io::checkpoint::{self, CheckpointError, Header};
 use glebe_io::output::OutputError;
@@ -259,20 +259,4 @@ fn store(path: &Path, scene_hash: String, state: &State) -> Result<(), Checkpoin
         ..Header::default()
     };
     checkpoint::write(path, &header, &state.to_bytes())
-}
-
-/// Looks at nothing.
-pub struct Blind;
-
-impl Observer for Blind {
-    type Error = std::convert::Infallible;
-    fn sample(&mut self, _: usize, _: &Sample) -> Result<(), Self::Error> {
-        Ok(())
-    }
-    fn frame(&mut self, _: usize, _: &Frame<'_>) -> Result<(), Self::Error> {
-        Ok(())
-    }
-    fn stage_ended(&mut self, _: usize, _: usize, _: &StageResult) -> Result<(), Self::Error> {
-        Ok(())
-    }
 }

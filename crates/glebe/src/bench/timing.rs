@@ -3,10 +3,10 @@
 use std::time::Instant;
 
 use glebe_engine::backend::Backend;
-use glebe_engine::batch::{Batch, Status};
+use glebe_engine::batch::{Batch, Blind, Status};
 
 use super::BenchError;
-use super::bed::{Bed, Blind, Prepared};
+use super::bed::{Bed, Prepared};
 use crate::device::admit;
 
 /// Stages of the bed's world after it is prepared.
