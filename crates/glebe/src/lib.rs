@@ -20,6 +20,7 @@ pub use glebe_engine as engine;
 pub use glebe_io as io;
 pub use glebe_physics as physics;
 pub use glebe_report as report;
+pub use glebe_study as study;
 
 pub mod bench;
 #[doc(hidden)]

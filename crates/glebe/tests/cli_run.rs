@@ -150,6 +150,21 @@ fn a_tool_more_in_the_list_finds_the_same_bed() {
     assert_ne!(place.hash("two"), place.hash("one"), "the state holds the surfaces too");
 }
 
+/// A surface that is there already begins its next motion when the bed is settled, which the state tells.
+#[test]
+fn a_bed_under_a_surface_that_then_moves_is_another() {
+    let place = Place::new();
+    let moving = SCENE.replace("move.block", "move.floor = { velocity = [0, 0, 0.01] }\nmove.block");
+    place.write("still.toml", SCENE).write("moving.toml", moving);
+    let short = ["--set", "stage.settle.until.at_most=0.05", "--set", "stage.push.duration=0.02"];
+    let run = |scene: &str, out: &str, more: &[&str]| {
+        place.glebe(&[&["run", scene, "--out", out], &short[..], more].concat()).expect(0);
+        place.hash(out)
+    };
+    run("moving.toml", "moving", &[]);
+    assert_eq!(run("still.toml", "still", &[]), run("still.toml", "alone", &["--no-cache"]));
+}
+
 #[test]
 fn threads_change_no_bit_and_force_replaces() {
     let place = Place::new();

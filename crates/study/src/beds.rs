@@ -1,4 +1,5 @@
-//! Settled beds: the state after the leading stages of a scene, kept for later runs that share them.
+//! Settled beds: the state after the leading stages of a scene, for the worlds that share them, in one batch or in
+//! a later run.
 //!
 //! The leading stages are those before the first that inserts, withdraws or moves a surface. Surfaces that
 //! are absent in them ("dormant") cannot touch the bed, so they are no part of its key: another tool finds
@@ -8,6 +9,7 @@ use std::collections::BTreeSet;
 use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::time::SystemTime;
 
 use glebe_engine::Constants;
@@ -16,17 +18,17 @@ use glebe_engine::spec::{Action, Motion, Stage, WorldSpec};
 use glebe_engine::state::{MeasureState, State, SurfaceState};
 use glebe_io::checkpoint::{self, CheckpointError, Header};
 
-use super::digest::Digest;
+use crate::digest::Digest;
 
 /// The cache is kept below this size, the oldest beds going first \[bytes\].
 const SIZE_MAX: u64 = 2 << 30;
 
-/// The leading stages of one scene, and where the state after them is kept.
-pub(super) struct Bed {
-    folder: PathBuf,
-    key: String,
+/// The leading stages of one scene.
+pub(crate) struct Bed {
+    /// Equal for worlds that have the same bed.
+    pub(crate) key: String,
     /// Number of leading stages.
-    pub(super) stages: usize,
+    pub(crate) stages: usize,
     /// For each surface of the scene, whether it is dormant.
     dormant: Vec<bool>,
 }
@@ -45,7 +47,7 @@ pub fn default_folder() -> Option<PathBuf> {
 
 impl Bed {
     /// The bed of a prepared world, or none if it does not begin with stages worth keeping.
-    pub(super) fn of(constants: &Constants, fresh: &State, backend: Backend, folder: &Path) -> Option<Self> {
+    pub(crate) fn of(constants: &Constants, fresh: &State, backend: Backend) -> Option<Self> {
         let spec = &constants.spec;
         let touched = |s: &Stage| {
             !s.moves.is_empty()
@@ -59,28 +61,32 @@ impl Bed {
         let dormant: Vec<bool> = (spec.surfaces.iter().enumerate())
             .map(|(i, s)| s.absent && s.motion.is_fixed() && !measured.contains(&i))
             .collect();
-        let program = fs::read(env::current_exe().ok()?).ok()?;
+        // A surface that stands there already begins its next motion at the end of the leading stages.
+        let moved = spec.stages.get(stages).map_or(&[][..], |s| &s.moves);
+        let moved: Vec<usize> =
+            moved.iter().map(|(s, _)| *s).filter(|s| !dormant[*s]).map(|s| awake(&dormant, s)).collect();
         // Any number of threads gives the same bits.
         let device = if backend == Backend::Cpu { backend.name().to_owned() } else { backend.device() };
         let particles = State { particles: fresh.particles.clone(), ..State::default() };
         let key = Digest::default()
             .debug(&env!("CARGO_PKG_VERSION"))
-            .bytes(&program)
+            .debug(&program()?)
             .debug(&device)
             .debug(&leading(spec, stages, &dormant))
+            .debug(&moved)
             .debug(&constants.dt)
             .debug(&particles.hash())
             .finish();
-        Some(Self { folder: folder.to_owned(), key, stages, dormant })
+        Some(Self { key, stages, dormant })
     }
 
-    fn path(&self) -> PathBuf {
-        self.folder.join(format!("{}.glebe", self.key))
+    fn path(&self, folder: &Path) -> PathBuf {
+        folder.join(format!("{}.glebe", self.key))
     }
 
-    /// The state after the leading stages, if it is kept and good.
-    pub(super) fn load(&self, constants: &Constants) -> Option<State> {
-        let path = self.path();
+    /// The state after the leading stages, if it is kept in a folder and good.
+    pub(crate) fn load(&self, constants: &Constants, folder: &Path) -> Option<State> {
+        let path = self.path(folder);
         let found = checkpoint::read(&path).ok().filter(|c| c.header.scene_hash == self.key)?;
         let mut state = State::from_bytes(&found.state).ok()?;
         self.wake(constants, &mut state);
@@ -89,40 +95,39 @@ impl Bed {
         Some(state)
     }
 
-    /// Keeps the state after the leading stages.
-    pub(super) fn store(&self, mut state: State) -> Result<(), CheckpointError> {
-        fs::create_dir_all(&self.folder).map_err(|source| glebe_io::output::OutputError::Io {
-            path: self.folder.clone(),
+    /// Keeps the state after the leading stages, its dormant surfaces [asleep](Self::send_to_sleep), in a folder.
+    pub(crate) fn store(&self, state: &State, folder: &Path) -> Result<(), CheckpointError> {
+        fs::create_dir_all(folder).map_err(|source| glebe_io::output::OutputError::Io {
+            path: folder.to_owned(),
             action: "make this folder",
             source,
         })?;
-        self.send_to_sleep(&mut state);
         let header = Header {
             glebe_version: env!("CARGO_PKG_VERSION").to_owned(),
             scene_hash: self.key.clone(),
             step: state.progress.step,
             ..Header::default()
         };
-        checkpoint::write(&self.path(), &header, &state.to_bytes())?;
-        prune(&self.folder, &self.path());
+        checkpoint::write(&self.path(folder), &header, &state.to_bytes())?;
+        prune(folder, &self.path(folder));
         Ok(())
     }
 
     /// Takes dormant surfaces out of a state. Domain sides are numbered after all surfaces.
-    fn send_to_sleep(&self, state: &mut State) {
+    pub(crate) fn send_to_sleep(&self, state: &mut State) {
         let g = &mut state.progress;
-        let awake = |i: usize| !self.dormant[i];
-        retain(&mut g.surfaces, awake);
-        retain(&mut g.path, awake);
-        retain(&mut g.impulse, awake);
+        let stays = |i: usize| !self.dormant[i];
+        retain(&mut g.surfaces, stays);
+        retain(&mut g.path, stays);
+        retain(&mut g.impulse, stays);
         for memory in &mut state.surface_contacts {
             let i = memory.surface as usize;
-            memory.surface -= self.dormant.iter().take(i).filter(|d| **d).count() as u32;
+            memory.surface = awake(&self.dormant, i) as u32;
         }
     }
 
     /// Puts dormant surfaces as this scene has them into a state, as they are when the leading stages end.
-    fn wake(&self, constants: &Constants, state: &mut State) {
+    pub(crate) fn wake(&self, constants: &Constants, state: &mut State) {
         let g = &mut state.progress;
         let mut new_index = Vec::new();
         for (i, surface) in constants.spec.surfaces.iter().enumerate() {
@@ -151,6 +156,18 @@ impl Bed {
     }
 }
 
+/// The number of a surface, or of a side of the domain, when those that are dormant are left out.
+fn awake(dormant: &[bool], surface: usize) -> usize {
+    surface - dormant.iter().take(surface).filter(|d| **d).count()
+}
+
+/// A digest of this program, read once.
+fn program() -> Option<&'static str> {
+    static PROGRAM: OnceLock<Option<String>> = OnceLock::new();
+    let digest = || Some(Digest::default().bytes(&fs::read(env::current_exe().ok()?).ok()?).finish());
+    PROGRAM.get_or_init(digest).as_deref()
+}
+
 /// What the state after the leading stages depends on, but for the particles.
 fn leading(spec: &WorldSpec, stages: usize, dormant: &[bool]) -> WorldSpec {
     let mut spec = spec.clone();
@@ -158,7 +175,7 @@ fn leading(spec: &WorldSpec, stages: usize, dormant: &[bool]) -> WorldSpec {
     spec.stages.truncate(stages);
     for stage in &mut spec.stages {
         for measure in &mut stage.measures {
-            measure.surface -= dormant.iter().take(measure.surface).filter(|d| **d).count();
+            measure.surface = awake(dormant, measure.surface);
         }
     }
     retain(&mut spec.surfaces, |i| !dormant[i]);

@@ -1,4 +1,4 @@
-//! Digests of what a run depends on.
+//! Digests of what results depend on.
 
 use std::fmt::{self, Debug, Write as _};
 
@@ -9,21 +9,21 @@ use sha2::{Digest as _, Sha256};
 /// Takes in anything that prints itself. Rust prints floats with as many digits as tell them apart, so
 /// equal digests mean equal bits (but for the payload of a NaN, which no checked specification has).
 #[derive(Default)]
-pub(super) struct Digest(Sha256);
+pub(crate) struct Digest(Sha256);
 
 impl Digest {
-    pub(super) fn debug(mut self, value: &impl Debug) -> Self {
+    pub(crate) fn debug(mut self, value: &impl Debug) -> Self {
         // Our `write_str` does not fail.
         let _ = write!(self, "{value:?};");
         self
     }
 
-    pub(super) fn bytes(mut self, bytes: &[u8]) -> Self {
+    pub(crate) fn bytes(mut self, bytes: &[u8]) -> Self {
         self.0.update(bytes);
         self
     }
 
-    pub(super) fn finish(self) -> String {
+    pub(crate) fn finish(self) -> String {
         self.0.finalize().iter().fold(String::new(), |mut text, byte| {
             let _ = write!(text, "{byte:02x}");
             text
@@ -40,6 +40,6 @@ impl fmt::Write for Digest {
 
 /// The digest of a prepared world: equal for scenes that are the same in effect, whatever their files look
 /// like, and including the contents of all files that they name.
-pub(super) fn scene_hash(constants: &Constants, fresh: &State) -> String {
+pub fn scene_hash(constants: &Constants, fresh: &State) -> String {
     Digest::default().debug(&constants.spec).debug(&constants.dt).debug(&fresh.hash()).finish()
 }

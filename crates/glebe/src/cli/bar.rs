@@ -4,7 +4,7 @@ use std::io::IsTerminal as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use glebe_engine::spec::Stage;
+use glebe_study::drive::steps_left;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::Ui;
@@ -78,9 +78,7 @@ impl Listener for Watch<'_> {
 
         let (c, g) = (pulse.constants, pulse.progress);
         let stages = &c.spec.stages;
-        let ahead: u64 = stages.iter().skip(g.stage + 1).map(|s| most_steps(s, c.dt)).sum();
-        let present = stages.get(g.stage).map_or(0, |s| most_steps(s, c.dt));
-        let left = ahead + present.saturating_sub(g.step - g.stage_since);
+        let left = steps_left(c, g);
         self.bar.set_length(g.step + left);
         self.bar.set_position(g.step);
         let name = stages.get(g.stage).map_or("", |s| s.name.as_str());
@@ -99,9 +97,4 @@ impl Listener for Watch<'_> {
     fn interrupted(&self) -> bool {
         interrupted()
     }
-}
-
-/// The most steps that a stage takes; a stage that waits without limit counts as none.
-fn most_steps(stage: &Stage, dt: f64) -> u64 {
-    stage.until.at_most.map_or(0, |t| (t / dt).round() as u64)
 }

@@ -1,27 +1,25 @@
 //! One simulation from a specification to an output folder: series, frames, checkpoints, plots, summary.
 
-mod beds;
-mod digest;
 mod plots;
 mod recorder;
 
-use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glebe_engine::backend::{Backend, Unavailable};
-use glebe_engine::batch::{Batch, Status};
-use glebe_engine::spec::{Component, Measure, WorldSpec};
-use glebe_engine::state::{MeasureState, Progress, StageResult, State};
+use glebe_engine::batch::Status;
+use glebe_engine::spec::WorldSpec;
+use glebe_engine::state::{Progress, State};
 use glebe_engine::{BytesError, Constants, SetupError, prepare};
 use glebe_io::checkpoint::{self, CheckpointError, CheckpointWriter, Header};
 use glebe_io::output::summary::{self, Summary};
 use glebe_io::output::{OutputDir, OutputError};
 
-pub use beds::default_folder as default_bed_folder;
+pub use glebe_study::default_bed_folder;
+use glebe_study::drive::{Drive, Event, Outcome, doubts, told};
+use glebe_study::scene_hash;
 
-use self::beds::Bed;
 use self::plots::Furrows;
 use self::recorder::Recorder;
 use crate::device::admit;
@@ -157,7 +155,7 @@ impl RunError {
 pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -> Result<Summary, RunError> {
     let (constants, fresh) = prepare(world)?;
     admit(settings.backend, [&*constants])?;
-    let scene_hash = digest::scene_hash(&constants, &fresh);
+    let scene_hash = scene_hash(&constants, &fresh);
     for warning in &constants.warnings {
         listener.warn(warning);
     }
@@ -201,20 +199,10 @@ pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -
     };
 
     // Only now: an input that is refused costs no time.
-    let mut state = state;
-    let mut bed = None;
-    if after.is_none() {
-        bed =
-            settings.beds.as_deref().and_then(|folder| Bed::of(&constants, &state, settings.backend, folder));
-        if let Some((kept, stages)) = bed.as_ref().and_then(|b| Some((b.load(&constants)?, b.stages))) {
-            state = kept;
-            bed = None;
-            let names: Vec<_> = constants.spec.stages[..stages].iter().map(|s| s.name.as_str()).collect();
-            let line = format!(
-                "the state after `{}` was taken from an earlier run (t = {:.6} s); --no-cache computes it",
-                names.join("`, `"),
-                state.progress.step as f64 * constants.dt
-            );
+    let beds = settings.beds.as_deref();
+    let (drive, events) = Drive::new(vec![(constants.clone(), state)], settings.backend, beds);
+    for event in events {
+        if let Event::Reused(_, line) = event {
             note(line, listener);
         }
     }
@@ -223,14 +211,10 @@ pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -
         recorder: Recorder::new(&dir, &constants, counts)?,
         checkpoints: CheckpointWriter::new(&dir.checkpoints(), after.as_ref().map(|c| c.path.as_path()))?,
         furrows: Furrows::default(),
-        batch: Batch::from_states(vec![(constants.clone(), state)], settings.backend),
+        drive,
         constants,
         scene_hash,
         dir,
-        bed,
-        started: Instant::now(),
-        steps: 0,
-        particle_steps: 0.0,
     };
     run.finish(settings, listener, warnings, notes)
 }
@@ -239,15 +223,10 @@ struct Run {
     constants: Arc<Constants>,
     scene_hash: String,
     dir: OutputDir,
-    batch: Batch,
+    drive: Drive,
     recorder: Recorder,
     checkpoints: CheckpointWriter,
     furrows: Furrows,
-    /// To be stored when its stages have ended.
-    bed: Option<Bed>,
-    started: Instant,
-    steps: u64,
-    particle_steps: f64,
 }
 
 impl Run {
@@ -259,50 +238,50 @@ impl Run {
         notes: Vec<String>,
     ) -> Result<Summary, RunError> {
         let mut written = Instant::now();
-        let mut written_at = self.batch.time(0);
-        while self.batch.running() && !listener.interrupted() {
-            let (step, ended) = (self.batch.progress(0).step, self.batch.progress(0).results.len());
-            self.batch.advance(&mut self.recorder)?;
-            self.furrows.look(&self.batch);
-            let progress = self.batch.progress(0);
-            let steps = progress.step - step;
-            self.steps += steps;
-            self.particle_steps += steps as f64 * self.batch.particles(0) as f64;
-            let stage_ended = progress.results.len() > ended;
-            for result in &progress.results[ended..] {
-                listener.note(&told(result, &self.constants));
-                for doubt in doubts(result, &self.constants) {
-                    listener.warn(&doubt);
+        let mut written_at = self.drive.batch().time(0);
+        while self.drive.batch().running() && !listener.interrupted() {
+            let events = self.drive.advance(&mut self.recorder)?;
+            self.furrows.look(self.drive.batch());
+            let mut stage_ended = false;
+            for event in events {
+                match event {
+                    Event::StageEnded(_, result) => {
+                        stage_ended = true;
+                        listener.note(&told(&result, &self.constants));
+                        for doubt in doubts(&result, &self.constants) {
+                            listener.warn(&doubt);
+                        }
+                    }
+                    Event::NotKept(_, line) => {
+                        listener.warn(&line);
+                        warnings.push(line);
+                    }
+                    _ => {}
                 }
             }
+            let last = self.recorder.last.as_ref();
             listener.pulse(&Pulse {
                 constants: &self.constants,
-                progress,
-                steps: self.steps,
-                particle_steps: self.particle_steps,
-                kinetic: self
-                    .recorder
-                    .last
-                    .as_ref()
-                    .map_or(0.0, |s| s.ledger.translation + s.ledger.rotation),
+                progress: self.drive.batch().progress(0),
+                steps: self.drive.steps(),
+                particle_steps: self.drive.particle_steps(),
+                kinetic: last.map_or(0.0, |s| s.ledger.translation + s.ledger.rotation),
             });
-            if matches!(self.batch.status(0), Status::Failed(_)) {
+            let batch = self.drive.batch();
+            if matches!(batch.status(0), Status::Failed(_)) {
                 break;
             }
-            if stage_ended {
-                self.keep_bed(listener, &mut warnings);
-            }
-            let due = settings.checkpoint_time.is_some_and(|dt| self.batch.time(0) - written_at >= dt);
+            let due = settings.checkpoint_time.is_some_and(|dt| batch.time(0) - written_at >= dt);
             if stage_ended || due || written.elapsed() >= settings.checkpoint_every {
                 self.checkpoint()?;
-                (written, written_at) = (Instant::now(), self.batch.time(0));
+                (written, written_at) = (Instant::now(), self.drive.batch().time(0));
             }
         }
-        if *self.batch.status(0) == Status::Running {
+        if *self.drive.batch().status(0) == Status::Running {
             self.checkpoint()?;
         }
         let furrows = std::mem::take(&mut self.furrows);
-        let results = &self.batch.progress(0).results;
+        let results = &self.drive.batch().progress(0).results;
         plots::write(&self.dir, &self.constants, results, &furrows)?;
         // Of all stages, so that a run in parts ends with the same warnings as a whole one.
         warnings.extend(results.iter().flat_map(|result| doubts(result, &self.constants)));
@@ -313,8 +292,9 @@ impl Run {
 
     fn checkpoint(&mut self) -> Result<(), RunError> {
         let start = Instant::now();
-        let state = self.batch.state(0);
-        if self.batch.fault(0).is_some() {
+        let batch = self.drive.batch();
+        let state = batch.state(0);
+        if batch.fault(0).is_some() {
             // The last good one is worth more; the next step tells of the fault.
             return Ok(());
         }
@@ -323,7 +303,7 @@ impl Run {
             glebe_version: env!("CARGO_PKG_VERSION").to_owned(),
             scene_hash: self.scene_hash.clone(),
             step: state.progress.step,
-            time: self.batch.time(0),
+            time: batch.time(0),
             rows,
             frames,
         };
@@ -332,30 +312,12 @@ impl Run {
         Ok(())
     }
 
-    /// Keeps the bed when the last of its stages has just ended. A cache that cannot be written is told of
-    /// and does not stop the run.
-    fn keep_bed(&mut self, listener: &mut dyn Listener, warnings: &mut Vec<String>) {
-        let stage = self.batch.progress(0).stage;
-        if let Some(bed) = self.bed.take_if(|bed| bed.stages <= stage)
-            && bed.stages == stage
-            && let Err(error) = bed.store(self.batch.state(0))
-        {
-            let line = format!("the settled bed was not kept for later runs: {error}");
-            listener.warn(&line);
-            warnings.push(line);
-        }
-    }
-
     fn summary(&self, warnings: Vec<String>, notes: Vec<String>) -> Summary {
-        let (c, g) = (&self.constants, self.batch.progress(0));
-        let (status, reason) = match self.batch.status(0) {
-            Status::Done => (summary::Status::Done, None),
-            Status::Failed(failure) => (summary::Status::Failed, Some(failure.to_string())),
-            Status::Running => (summary::Status::Interrupted, Some("stopped by the user".to_owned())),
-        };
-        let wall_s = self.started.elapsed().as_secs_f64();
+        let (c, batch) = (&self.constants, self.drive.batch());
+        let Outcome { status, reason, state_hash, particles, stages } = self.drive.outcome(0);
+        let wall_s = self.drive.started().elapsed().as_secs_f64();
         let mut phases: std::collections::BTreeMap<String, f64> =
-            self.batch.times(0).rows().iter().map(|(name, s)| ((*name).to_owned(), *s)).collect();
+            batch.times(0).rows().iter().map(|(name, s)| ((*name).to_owned(), *s)).collect();
         phases.insert("output".to_owned(), self.recorder.time.as_secs_f64());
         Summary {
             title: c.spec.title.clone(),
@@ -367,81 +329,18 @@ impl Run {
                 scene_hash: self.scene_hash.clone(),
                 seed: c.spec.seed,
             },
-            device: self.batch.backend().device(),
-            state_hash: self.batch.state(0).hash(),
-            particles: summary::Particles {
-                count: self.batch.particles(0) as u64,
-                lost: g.lost.iter().map(lost).collect(),
-                removed: g.results.iter().map(|r| r.trimmed).sum::<u64>() + g.trimmed,
-            },
-            stages: stages(c, g),
+            device: batch.backend().device(),
+            state_hash,
+            particles,
+            stages,
             performance: summary::Performance {
-                particle_steps_per_second: self.particle_steps / wall_s,
+                particle_steps_per_second: self.drive.particle_steps() / wall_s,
                 wall_s,
-                steps: self.steps,
+                steps: self.drive.steps(),
                 phases,
             },
             warnings,
             notes,
         }
     }
-}
-
-fn lost(l: &glebe_engine::state::Lost) -> summary::Lost {
-    let side = format!("{}{}", ['-', '+'][l.side[1]], ['x', 'y', 'z'][l.side[0]]);
-    summary::Lost { id: l.id, time: l.time, position: l.position, side }
-}
-
-fn stages(c: &Constants, g: &Progress) -> Vec<summary::Stage> {
-    let mut start = 0.0;
-    let stage = |(spec, result): (&glebe_engine::spec::Stage, &StageResult)| {
-        let measures = spec.measures.iter().zip(&result.measures).map(|(measure, m)| {
-            let [mean, std] = if m.n == 0 { [f64::NAN; 2] } else { [m.mean, m.std()] };
-            (measure.name.clone(), summary::Measure { mean, std, n: m.n })
-        });
-        let stage = summary::Stage {
-            name: result.name.clone(),
-            ended_by: result.ended_by.clone(),
-            start,
-            duration: result.time - start,
-            measures: measures.collect(),
-        };
-        start = result.time;
-        stage
-    };
-    c.spec.stages.iter().zip(&g.results).map(stage).collect()
-}
-
-/// A line about a stage that ended.
-fn told(result: &StageResult, c: &Constants) -> String {
-    let mut line = format!("stage `{}` ended at t = {:.4} s ({})", result.name, result.time, result.ended_by);
-    // Writing to a string cannot fail.
-    if result.trimmed > 0 {
-        let _ = write!(line, ", {} particles removed", result.trimmed);
-    }
-    let spec = c.spec.stages.iter().find(|s| s.name == result.name);
-    for (measure, m) in spec.iter().flat_map(|s| &s.measures).zip(&result.measures) {
-        let _ = match m.n {
-            0 => write!(line, "; {}: nothing measured", measure.name),
-            n => write!(line, "; {} = {:.5} ± {:.3} ({n} steps)", measure.name, m.mean, m.std()),
-        };
-    }
-    line
-}
-
-/// Measures of a stage that ended which measured nothing.
-fn doubts(result: &StageResult, c: &Constants) -> Vec<String> {
-    let Some(spec) = c.spec.stages.iter().find(|s| s.name == result.name) else { return Vec::new() };
-    let doubt = |(measure, m): (&Measure, &MeasureState)| {
-        let surface = &c.spec.surfaces.get(measure.surface)?.name;
-        let why = if m.n == 0 {
-            "measured nothing: its window was not reached; lengthen the stage or move the window".to_owned()
-        } else if measure.component == Component::Draught && m.mean == 0.0 && m.m2 == 0.0 {
-            format!("is 0 throughout: `{surface}` did not move, or nothing touched it")
-        } else {
-            return None;
-        };
-        Some(format!("stage `{}`: `{}` of `{surface}` {why}", result.name, measure.name))
-    };
-    spec.measures.iter().zip(&result.measures).filter_map(doubt).collect()
 }

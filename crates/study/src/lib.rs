@@ -1,0 +1,11 @@
+//! Many worlds of the glebe DEM engine.
+//!
+//! [`drive`] takes the worlds of a batch through their stages: a single run is a batch of one. It keeps settled
+//! beds, so that worlds which share their first stages settle once.
+
+mod beds;
+mod digest;
+pub mod drive;
+
+pub use beds::default_folder as default_bed_folder;
+pub use digest::scene_hash;
