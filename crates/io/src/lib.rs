@@ -1,9 +1,10 @@
-//! Scene files, meshes, particle files, writers and checkpoints of the glebe DEM engine.
+//! Scene and study files, meshes, particle files, writers and checkpoints of the glebe DEM engine.
 
 pub mod checkpoint;
 pub mod mesh;
 pub mod output;
 pub mod particles;
 pub mod scene;
+pub mod study;
 pub mod tool;
 pub mod units;

@@ -22,6 +22,8 @@ pub(crate) enum Checked {
     Window([f64; 2]),
     Names(Vec<Located<String>>),
     Law(LawChoice),
+    /// As written.
+    Any(Node),
     LowHigh(Box<[Checked; 2]>),
     Table(Record),
     Named(Vec<(Located<String>, Record)>),
@@ -97,6 +99,14 @@ impl Record {
         let (value, place) = self.values.get(key)?;
         match value {
             Checked::Text(text) => Some(Located { value: text.clone(), place: place.clone() }),
+            _ => None,
+        }
+    }
+
+    /// The value of `key` as written.
+    pub fn node(&self, key: &str) -> Option<&Node> {
+        match self.get(key) {
+            Some(Checked::Any(node)) => Some(node),
             _ => None,
         }
     }
@@ -337,6 +347,7 @@ impl Checker<'_> {
             (Kind::References(names), Value::Array(items)) => self.references(items, *names, path),
             (Kind::Probe, Value::Text(text)) => self.probe(text, &node.place),
             (Kind::Law(slot), _) => self.law(node, *slot, kind, path).map(Checked::Law),
+            (Kind::Any, _) => Some(Checked::Any(node.clone())),
             (Kind::LowHigh(side), Value::Array(items)) if items.len() == 2 => {
                 let both = [&items[0], &items[1]].map(|item| self.value(item, side, field, path));
                 match both {
@@ -362,7 +373,7 @@ impl Checker<'_> {
         }
     }
 
-    fn wrong_kind(&mut self, node: &Node, kind: &Kind, path: &str) -> Option<Checked> {
+    pub fn wrong_kind(&mut self, node: &Node, kind: &Kind, path: &str) -> Option<Checked> {
         let found = match &node.value {
             Value::Array(items) => format!("a list of {}", items.len()),
             Value::Text(text) if text.is_empty() => "an empty text".to_owned(),
@@ -376,7 +387,7 @@ impl Checker<'_> {
         None
     }
 
-    fn number(&mut self, node: &Node, dimension: Dimension, field: &Field, path: &str) -> Option<f64> {
+    pub fn number(&mut self, node: &Node, dimension: Dimension, field: &Field, path: &str) -> Option<f64> {
         let value = match &node.value {
             Value::Integer(Some(i)) => *i as f64,
             Value::Float(x) => *x,
@@ -710,7 +721,7 @@ fn entry_path(item: &Node, path: &str) -> String {
     }
 }
 
-fn quoted<S: AsRef<str>>(words: &[S]) -> String {
+pub(crate) fn quoted<S: AsRef<str>>(words: &[S]) -> String {
     words.iter().map(|w| format!("`{}`", w.as_ref())).collect::<Vec<_>>().join(", ")
 }
 

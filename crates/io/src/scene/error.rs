@@ -136,14 +136,14 @@ impl SceneError {
         self
     }
 
-    pub(crate) fn unreadable_scene(path: &Path, error: &std::io::Error) -> Self {
+    pub(crate) fn unreadable(path: &Path, error: &std::io::Error, help: &str) -> Self {
         let source = Source::new(&path.display().to_string(), "");
         Self::new(
             "unreadable",
             &Place::new(&source, 0..0),
             format!("cannot read `{}`: {error}", path.display()),
         )
-        .help("give the path of a scene file; `glebe new` makes one")
+        .help(help)
     }
 
     /// What kind of mistake it is, for programs: a fixed word such as `unknown-key`.

@@ -21,16 +21,16 @@
 //! ```
 
 mod build;
-mod check;
-mod document;
-mod error;
-mod fields;
+pub(crate) mod check;
+pub(crate) mod document;
+pub(crate) mod error;
+pub(crate) mod fields;
 mod model;
-mod schema;
-mod set;
+pub(crate) mod schema;
+pub(crate) mod set;
 mod shapes;
-mod spelling;
-mod table;
+pub(crate) mod spelling;
+pub(crate) mod table;
 
 use std::fs;
 use std::path::Path;
@@ -53,7 +53,8 @@ impl Scene {
     /// # Errors
     /// Everything that is wrong with it, in the order of the file.
     pub fn load(path: &Path, sets: &[String]) -> Result<Self, Vec<SceneError>> {
-        let text = fs::read_to_string(path).map_err(|e| vec![SceneError::unreadable_scene(path, &e)])?;
+        let help = "give the path of a scene file; `glebe new` makes one";
+        let text = fs::read_to_string(path).map_err(|e| vec![SceneError::unreadable(path, &e, help)])?;
         Self::parse(&path.display().to_string(), &text, sets)
     }
 

@@ -1,4 +1,4 @@
-//! The JSON Schema (draft 2020-12) of scene files, generated from the description that parses them.
+//! The JSON Schema (draft 2020-12) of scene and study files, generated from the description that parses them.
 
 use std::collections::BTreeMap;
 
@@ -17,11 +17,16 @@ const QUANTITY: &str = r"^\s*[-+]?([0-9_]+\.?[0-9_]*|\.[0-9_]+)([eE][-+]?[0-9]+)
 
 /// The JSON Schema of scene files, for editors: every table, key, unit, range and default.
 pub fn schema() -> Json {
+    schema_of(&SCENE, "glebe scene")
+}
+
+/// The JSON Schema of a file that the table describes.
+pub(crate) fn schema_of(spec: &'static TableSpec, title: &str) -> Json {
     let mut definitions = BTreeMap::new();
-    let mut root = table(&SCENE, &mut definitions);
+    let mut root = table(spec, &mut definitions);
     if let Json::Object(map) = &mut root {
         map.insert("$schema".to_owned(), json!("https://json-schema.org/draft/2020-12/schema"));
-        map.insert("title".to_owned(), json!("glebe scene"));
+        map.insert("title".to_owned(), json!(title));
         map.insert("$defs".to_owned(), json!(definitions));
     }
     root
@@ -114,6 +119,8 @@ fn kind(of: &Kind, range: Range, definitions: &mut Definitions) -> Json {
         Kind::References(_) => json!({ "type": "array", "items": { "type": "string" } }),
         Kind::Probe => json!({ "type": "string", "pattern": r"\.([ft][xyz]|draught)$" }),
         Kind::Law(slot) => law_choice(*slot, definitions),
+        Kind::Parameters(law) => parameters(law, definitions),
+        Kind::Any => json!({}),
         Kind::LowHigh(side) => list(&kind(side, range, definitions), 2),
         Kind::Table(spec) => table(spec, definitions),
         Kind::Named(_, spec) => {

@@ -1,4 +1,4 @@
-//! Overrides from the command line: `material.soil.density=2000`, `stage.till.duration=0.2`.
+//! Paths to values, and what they are set to: `material.soil.density=2000`, `stage.till.duration=0.2`.
 
 use std::sync::Arc;
 
@@ -6,6 +6,7 @@ use super::document::{Entry, Node, Value, parse, parse_value};
 use super::error::{Located, Place, SceneError, Source};
 use super::spelling::advice;
 use super::table::{Kind, Names, TableSpec};
+use crate::units::Dimension;
 
 /// Puts the overrides into the document, in order; each that leads nowhere is an error, the others are
 /// still applied.
@@ -21,10 +22,22 @@ fn apply_one(root: &mut Node, spec: &'static TableSpec, argument: &str) -> Resul
             .label("no `=`")
             .help("write path=value, such as material.soil.density=2000"));
     };
-    let path = path(argument, equals, &whole)?;
+    let at = whole.part(0..equals);
+    let path = keys(&argument[..equals], &at)?;
     let value = value(&source, equals + 1)?;
-    let at = Place::new(&source, 0..equals);
-    descend(root, &Kind::Table(spec), &path, value, &at)
+    descend(root, &Kind::Table(spec), &path, value, &at).map(|_| ())
+}
+
+/// What may be set at a path, which stands at a place of its own, in a document.
+pub(crate) fn leads_to(
+    root: &Node,
+    spec: &'static TableSpec,
+    path: &str,
+    at: &Place,
+) -> Result<Kind, SceneError> {
+    let keys = keys(path, at)?;
+    let anything = Node { place: at.clone(), value: Value::Bool(true) };
+    descend(&mut root.clone(), &Kind::Table(spec), &keys, anything, at)
 }
 
 /// The first `=` outside of quotes.
@@ -40,19 +53,20 @@ fn first_equals(argument: &str) -> Option<usize> {
     })
 }
 
-/// The keys left of the `=`, which are a dotted TOML key.
-fn path(argument: &str, equals: usize, whole: &Place) -> Result<Vec<Located<String>>, SceneError> {
+/// The keys of a path, which are a dotted TOML key, and where in `at` they stand.
+fn keys(text: &str, at: &Place) -> Result<Vec<Located<String>>, SceneError> {
     let unreadable = || {
-        SceneError::new("set", &whole.part(0..equals), format!("`{}` is not a path", &argument[..equals]))
+        SceneError::new("set", at, format!("`{text}` is not a path"))
             .label("here")
             .help("write names with dots between, such as stage.till.duration; quote names with other signs in them")
     };
-    let keys = Source::new("--set", &format!("{}=0", &argument[..equals]));
-    let document = parse(&keys).map_err(|_| unreadable())?;
+    let document = parse(&Source::new("path", &format!("{text}=0"))).map_err(|_| unreadable())?;
+    let start = at.span().start;
     let mut path = Vec::new();
     let mut node = &document;
     while let [Entry { key, node: next }] = node.entries() {
-        path.push(Located { value: key.value.clone(), place: whole.part(key.place.span()) });
+        let span = key.place.span();
+        path.push(Located { value: key.value.clone(), place: at.part(start + span.start..start + span.end) });
         node = next;
     }
     if path.is_empty() { Err(unreadable()) } else { Ok(path) }
@@ -72,17 +86,17 @@ fn value(source: &Arc<Source>, offset: usize) -> Result<Node, SceneError> {
 }
 
 /// Follows the path through the document and the description of its tables side by side, so that keys
-/// which the file leaves to their defaults can be set as well.
+/// which the file leaves to their defaults can be set as well. Returns what is expected at its end.
 fn descend(
     node: &mut Node,
     kind: &Kind,
     path: &[Located<String>],
     value: Node,
     argument: &Place,
-) -> Result<(), SceneError> {
+) -> Result<Kind, SceneError> {
     let [key, rest @ ..] = path else {
         *node = value;
-        return Ok(());
+        return Ok(*kind);
     };
     let nowhere = |candidates: &[&str]| {
         SceneError::new("set", &key.place, format!("`{}` leads nowhere", argument.text()))
@@ -125,33 +139,32 @@ fn descend(
         }
         Kind::Law(slot) => match glebe_physics::laws(slot).iter().find(|law| law.name == key.value) {
             // Another law than the one there: its parameters go with it.
-            Some(_) => {
+            Some(law) => {
                 if node.get(&key.value).is_none() {
                     *node = Node { place: argument.clone(), value: Value::Table(Vec::new()) };
                 }
-                PARAMETERS
+                Kind::Parameters(law)
             }
             None => return Err(nowhere(&kind.words())),
         },
-        // Parameters of a law, which the checker looks at.
-        Kind::Either(&[]) => PARAMETERS,
+        Kind::Parameters(law) => match law.parameters.iter().find(|p| p.name == key.value) {
+            Some(parameter) => Kind::Number(Dimension::of_si(parameter.unit)),
+            None => return Err(nowhere(&law.parameters.iter().map(|p| p.name).collect::<Vec<_>>())),
+        },
         _ => return Err(nowhere(&[])),
     };
     if !matches!(node.value, Value::Table(_)) {
         *node = Node { place: argument.clone(), value: Value::Table(Vec::new()) };
     }
-    let Value::Table(entries) = &mut node.value else { return Ok(()) };
+    let Value::Table(entries) = &mut node.value else { return Ok(inner) };
     if let Some(entry) = entries.iter_mut().find(|e| e.key.value == key.value) {
         return descend(&mut entry.node, &inner, rest, value, argument);
     }
     let mut made = Node { place: argument.clone(), value: Value::Table(Vec::new()) };
-    descend(&mut made, &inner, rest, value, argument)?;
+    let end = descend(&mut made, &inner, rest, value, argument)?;
     entries.push(Entry { key: key.clone(), node: made });
-    Ok(())
+    Ok(end)
 }
-
-/// Stands for "anything": what the parameters of a law are is the checker's business.
-const PARAMETERS: Kind = Kind::Either(&[]);
 
 /// The alternative that has parts as the node or the key wants them.
 fn alternative(kind: &Kind, node: &Node, key: &str) -> Kind {

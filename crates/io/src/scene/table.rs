@@ -1,7 +1,7 @@
 //! How the tables of an input file are described: one static list of fields per table, from which follow
 //! parsing, errors, defaults, the JSON Schema and the documentation.
 
-use glebe_physics::Slot;
+use glebe_physics::{LawInfo, Slot};
 
 use crate::units::Dimension;
 
@@ -52,6 +52,10 @@ pub(crate) enum Kind {
     Probe,
     /// A law's name, or a table of that name with parameters.
     Law(Slot),
+    /// The parameters of a law.
+    Parameters(&'static LawInfo),
+    /// Whatever it is: what it means depends on other values.
+    Any,
     /// `[low, high]`, each of a kind.
     LowHigh(&'static Kind),
     Table(&'static TableSpec),
@@ -222,6 +226,8 @@ impl Kind {
             Self::Reference(names) => format!("the name of a {}", names.noun()),
             Self::References(names) => format!("a list of names of {}s", names.noun()),
             Self::Probe => "a surface and its component, such as \"tool.fx\"".to_owned(),
+            Self::Parameters(law) => format!("a table with the parameters of `{}`", law.name),
+            Self::Any => "a value".to_owned(),
             Self::Law(_) => "a law's name, or a table of that name with its parameters".to_owned(),
             Self::LowHigh(kind) => format!("[low, high], each {}", kind.expected()),
             Self::Table(spec) | Self::Named(_, spec) => {
