@@ -18,6 +18,7 @@ mod rng;
 mod sizes;
 
 pub use region::{Region, solid_fraction, solid_volume, worst_overlap};
+pub use rng::{Purpose, Rng};
 pub use sizes::SizeDistribution;
 
 use crate::spec::Vec3;

@@ -4,30 +4,37 @@
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// What a stream of numbers is for, so that sizes and positions made from one seed are independent.
-#[derive(Clone, Copy)]
-pub(super) enum Purpose {
+#[derive(Clone, Copy, Debug)]
+pub enum Purpose {
+    /// Radii of particles.
     Sizes = 1,
+    /// Their positions.
     Positions = 2,
+    /// Values of parameters from world to world.
+    Samples = 3,
 }
 
 /// SplitMix64 (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators"): a
 /// counter and a mixing function.
-pub(super) struct Rng(u64);
+#[derive(Clone, Debug)]
+pub struct Rng(u64);
 
 impl Rng {
-    pub(super) fn new(seed: u64, purpose: Purpose) -> Self {
+    /// A stream of its own for each seed and purpose.
+    pub fn new(seed: u64, purpose: Purpose) -> Self {
         // Mixed, because seeds 1, 2, 3 … and purposes must not start at neighbouring counters.
         Self(mix(mix(seed) ^ (purpose as u64).wrapping_mul(GOLDEN)))
     }
 
-    fn next(&mut self) -> u64 {
+    /// 64 random bits.
+    pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(GOLDEN);
         mix(self.0)
     }
 
     /// Uniform in [0, 1), a multiple of 2⁻⁵³.
-    pub(super) fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
+    pub fn unit(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
     }
 
     /// Uniform in [low, high).
@@ -49,11 +56,11 @@ impl Rng {
     }
 
     /// The numbers 0 … n-1 in random order (Fisher-Yates).
-    pub(super) fn permutation(&mut self, n: usize) -> Vec<usize> {
+    pub fn permutation(&mut self, n: usize) -> Vec<usize> {
         let mut order: Vec<usize> = (0..n).collect();
         for last in (1..n).rev() {
             // The high word of a product; its bias, n / 2⁶⁴, is far below what can be seen.
-            let pick = ((u128::from(self.next()) * (last as u128 + 1)) >> 64) as usize;
+            let pick = ((u128::from(self.bits()) * (last as u128 + 1)) >> 64) as usize;
             order.swap(last, pick);
         }
         order

@@ -11,7 +11,8 @@ use glebe_engine::batch::Sample;
 use glebe_report::{Axis, Plot, Series, Style};
 
 use super::case::{Case, CaseError, Findings};
-use super::trial::{Finished, SceneFile, Trial, kinetic, run_to_end, scene_file, slope};
+use super::trial::{Finished, SceneFile, Trial, kinetic, run_to_end, scene_file};
+use glebe_study::fit::line;
 
 pub(super) const CASE: Case = Case {
     id: "A1",
@@ -94,9 +95,10 @@ fn judge(found: &mut Findings, v: &Variant, done: &Finished, w: usize) {
     let peak = series.iter().map(kinetic).fold(0.0, f64::max);
     found.near(format!("{}_kinetic_left_of_peak", v.name), kinetic(last) / peak, 0.0, 1e-3);
     // Falling is a trend: late on, single spheres still roll and drop, which shows in energies of 0.1 s.
-    let late: Vec<[f64; 2]> =
-        series.iter().filter(|s| s.time > last.time - TREND).map(|s| [s.time, kinetic(s).log10()]).collect();
-    found.between(format!("{}_kinetic_trend_decades_per_s", v.name), slope(&late), -100.0, 0.0);
+    let late = series.iter().filter(|s| s.time > last.time - TREND);
+    let (time, decades): (Vec<f64>, Vec<f64>) = late.map(|s| (s.time, kinetic(s).log10())).unzip();
+    let trend = line(&time, &decades).map_or(f64::NAN, |[_, slope]| slope);
+    found.between(format!("{}_kinetic_trend_decades_per_s", v.name), trend, -100.0, 0.0);
     let fallen = first.ledger.potential - last.ledger.potential;
     let before = series.iter().rfind(|s| s.time <= last.time - END).unwrap_or(first);
     let change = (before.ledger.potential - last.ledger.potential).abs() / fallen;

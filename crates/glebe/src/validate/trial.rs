@@ -10,6 +10,7 @@ use glebe_engine::prepare;
 use glebe_engine::spec::WorldSpec;
 use glebe_engine::state::StageResult;
 use glebe_io::scene::{Scene, SceneError};
+use glebe_study::fit::line;
 
 use super::case::CaseError;
 use crate::device::admit;
@@ -122,15 +123,8 @@ pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     sum / n
 }
 
-/// Slope of the straight line through points `(x, y)` by least squares.
-pub fn slope(points: &[[f64; 2]]) -> f64 {
-    let centre = [0, 1].map(|k| mean(points.iter().map(|p| p[k])));
-    let product =
-        |i: usize, j: usize| points.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum::<f64>();
-    product(0, 1) / product(0, 0)
-}
-
-/// The exponent p of `y ∝ x^p`, by least squares on logarithms.
+/// The exponent p of `y ∝ x^p`, by least squares on logarithms; NaN if there is none.
 pub fn power_law(x: &[f64], y: &[f64]) -> f64 {
-    slope(&x.iter().zip(y).map(|(x, y)| [x.ln(), y.ln()]).collect::<Vec<_>>())
+    let log = |values: &[f64]| values.iter().map(|v| v.ln()).collect::<Vec<_>>();
+    line(&log(x), &log(y)).map_or(f64::NAN, |[_, p]| p)
 }
