@@ -10,7 +10,9 @@ use std::process::Command;
 use glebe_io::output::series::{Series, SeriesWriter};
 use glebe_io::output::summary::{Lost, Measure, Particles, Performance, Provenance, Stage, Status, Summary};
 use glebe_io::output::vtp::{Column, PolyData, Values};
-use glebe_io::output::{FrameWriter, OutputDir, OutputError, SVG_MARK, pvd, write_atomic};
+use glebe_io::output::{
+    Cell, FrameWriter, Journal, OutputDir, OutputError, SVG_MARK, pvd, write_atomic, write_table,
+};
 
 /// A fresh place for one test, which does not exist yet.
 fn place(name: &str) -> PathBuf {
@@ -204,6 +206,64 @@ mod dir {
         assert!(why(&path).contains("holds no checkpoint"), "{}", why(&path));
         touch(&path.join("checkpoint/000000.glebe"), "");
         assert_eq!(OutputDir::open_existing(&path).unwrap().path(), path);
+    }
+
+    #[test]
+    fn the_copy_of_a_study_is_known_again_and_no_other_is_touched() {
+        let path = folder("study");
+        let study = path.join("study.toml");
+        let dir = OutputDir::create(&path, false).unwrap();
+        dir.write_study("scene = \"s\"\n", &["points=4\nseed=1".to_owned()]).unwrap();
+        assert_eq!(
+            fs::read_to_string(&study).unwrap(),
+            "# copied by glebe\n# --set points=4 seed=1\nscene = \"s\"\n"
+        );
+        touch(&path.join("journal.jsonl"), "");
+        assert_eq!(OutputDir::open_study(&path).unwrap().path(), path);
+        OutputDir::create(&path, true).unwrap();
+        assert_eq!(files(&path), [""; 0]);
+        touch(&study, "scene = \"mine\"\n");
+        let dir = OutputDir::create(&path, true).unwrap();
+        assert!(matches!(dir.write_study("", &[]), Err(OutputError::Foreign { .. })));
+        assert_eq!(fs::read_to_string(&study).unwrap(), "scene = \"mine\"\n");
+        assert!(OutputDir::open_study(&path).unwrap_err().to_string().contains("holds no journal"));
+    }
+}
+
+mod studies {
+    use super::*;
+
+    #[test]
+    fn a_journal_loses_its_unfinished_line_alone() {
+        let path = folder("journal").join("journal.jsonl");
+        let mut journal = Journal::create(&path, &"head").unwrap();
+        journal.append(&[1.0, f64::NAN]).unwrap();
+        journal.append(&[0.1 + 0.2]).unwrap();
+        fs::OpenOptions::new().append(true).open(&path).unwrap().write_all(b"[3.0, 4").unwrap();
+        let (head, entries, mut journal) = Journal::resume::<String, Vec<Option<f64>>>(&path).unwrap();
+        assert_eq!((head.as_str(), entries), ("head", vec![vec![Some(1.0), None], vec![Some(0.1 + 0.2)]]));
+        journal.append(&[5.0]).unwrap();
+        assert_eq!(
+            fs::read_to_string(&path).unwrap(),
+            "\"head\"\n[1.0,null]\n[0.30000000000000004]\n[5.0]\n"
+        );
+        let wrong = Journal::resume::<String, String>(&path).unwrap_err().to_string();
+        assert!(wrong.contains("line 2 is not of a journal"), "{wrong}");
+    }
+
+    #[test]
+    fn tables_hold_numbers_counts_and_texts() {
+        let path = folder("table").join("worlds.csv");
+        let header = ["a", "b", "c"].map(str::to_owned);
+        let rows = [
+            vec![Cell::Number(0.1), Cell::Count(3), Cell::Text("one, \"two\"\nthree".to_owned())],
+            vec![Cell::Number(f64::NAN), Cell::Number(2e6), Cell::Text(String::new())],
+        ];
+        write_table(&path, &header, &rows).unwrap();
+        let text = fs::read_to_string(&path).unwrap();
+        assert_eq!(text, "a,b,c\n0.1,3,\"one, \"\"two\"\" three\"\n,2000000,\n");
+        let short = write_table(&path, &header, &[vec![Cell::Count(1)]]);
+        assert!(matches!(short, Err(OutputError::Columns { .. })));
     }
 }
 

@@ -65,6 +65,41 @@ pub struct Outcome {
     pub stages: Vec<summary::Stage>,
 }
 
+/// Follows worlds that are under way.
+pub trait Listener {
+    /// A line for the log.
+    fn note(&mut self, _line: &str) {}
+    /// Something the user should know; it is also in the summary.
+    fn warn(&mut self, _line: &str) {}
+    /// They go on.
+    fn pulse(&mut self, _pulse: &Pulse<'_>) {}
+    /// Whether they shall stop at the next sample, so that they can be resumed.
+    fn interrupted(&self) -> bool {
+        false
+    }
+}
+
+/// A [`Listener`] that does not.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Silent;
+
+impl Listener for Silent {}
+
+/// How worlds stand, at every sample.
+#[derive(Clone, Copy)]
+pub struct Pulse<'a> {
+    /// Those that are under way.
+    pub drive: &'a Drive,
+    /// Kinetic energy, where one world is followed \[J\].
+    pub kinetic: Option<f64>,
+    /// All worlds, with those of earlier and later batches.
+    pub worlds: usize,
+    /// Worlds that have ended.
+    pub ended: usize,
+    /// The most steps of batches that come later.
+    pub later: u64,
+}
+
 impl Drive {
     /// Takes up worlds from states. Those that begin with stages worth keeping take the state after them from
     /// `beds`, a folder, if it is there; of those that share one which is not, the first settles it and the others
@@ -127,6 +162,13 @@ impl Drive {
     /// Particles × steps since then.
     pub fn particle_steps(&self) -> f64 {
         self.particle_steps
+    }
+
+    /// The most steps that its worlds have before them.
+    pub fn steps_left(&self) -> u64 {
+        let open = |w: &usize| matches!(self.batch.status(*w), Status::Running | Status::Waiting);
+        let worlds = (0..self.batch.len()).filter(open);
+        worlds.map(|w| steps_left(self.batch.constants(w), self.batch.progress(w))).sum()
     }
 
     /// Advances every world that is under way to its next sample or stage end.
@@ -285,7 +327,7 @@ pub fn doubts(result: &StageResult, c: &Constants) -> Vec<String> {
 }
 
 /// The most steps that a world has before it; a stage that waits without limit counts as none.
-pub fn steps_left(c: &Constants, g: &Progress) -> u64 {
+pub(crate) fn steps_left(c: &Constants, g: &Progress) -> u64 {
     let stages = &c.spec.stages;
     let most_steps = |stage: &Stage, dt: f64| stage.until.at_most.map_or(0, |t| (t / dt).round() as u64);
     let ahead: u64 = stages.iter().skip(g.stage + 1).map(|s| most_steps(s, c.dt)).sum();

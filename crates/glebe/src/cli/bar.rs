@@ -1,10 +1,9 @@
-//! The progress bar of a run.
+//! The progress bar of a run or a sweep.
 
 use std::io::IsTerminal as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use glebe_study::drive::steps_left;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::Ui;
@@ -34,7 +33,7 @@ pub(super) struct Watch<'a> {
     ui: &'a Ui,
     bar: ProgressBar,
     /// Rates are taken over the time since: wall time, steps, particle-steps.
-    mark: (Instant, u64, f64),
+    mark: (Instant, f64, f64),
     rates: (f64, f64),
 }
 
@@ -46,7 +45,7 @@ impl<'a> Watch<'a> {
         if let Ok(style) = ProgressStyle::with_template("{wide_bar} {percent:>3} %\n{msg}") {
             bar.set_style(style);
         }
-        Self { ui, bar, mark: (Instant::now(), 0, 0.0), rates: (0.0, 0.0) }
+        Self { ui, bar, mark: (Instant::now(), 0.0, 0.0), rates: (0.0, 0.0) }
     }
 }
 
@@ -72,25 +71,31 @@ impl Listener for Watch<'_> {
             return;
         }
         let seconds = elapsed.as_secs_f64();
-        self.rates =
-            ((pulse.steps - steps) as f64 / seconds, (pulse.particle_steps - particle_steps) / seconds);
-        self.mark = (Instant::now(), pulse.steps, pulse.particle_steps);
+        let drive = pulse.drive;
+        // A new batch counts from 0.
+        let since = |now: f64, then: f64| if now >= then { now - then } else { now };
+        let done = [drive.steps() as f64, drive.particle_steps()];
+        self.rates = (since(done[0], steps) / seconds, since(done[1], particle_steps) / seconds);
+        self.mark = (Instant::now(), done[0], done[1]);
 
-        let (c, g) = (pulse.constants, pulse.progress);
-        let stages = &c.spec.stages;
-        let left = steps_left(c, g);
-        self.bar.set_length(g.step + left);
-        self.bar.set_position(g.step);
-        let name = stages.get(g.stage).map_or("", |s| s.name.as_str());
+        let left = drive.steps_left() + pulse.later;
+        let rate = self.rates.0;
+        self.bar.set_length(drive.steps() + left);
+        self.bar.set_position(drive.steps());
+        let place = match pulse.kinetic {
+            Some(kinetic) => {
+                let (c, g) = (drive.batch().constants(0), drive.batch().progress(0));
+                let stages = &c.spec.stages;
+                let name = stages.get(g.stage).map_or("", |s| s.name.as_str());
+                let (k, n) = ((g.stage + 1).min(stages.len()), stages.len());
+                format!("t = {:.4} s   {name} ({k}/{n})   E_kin {kinetic:.3e} J", g.step as f64 * c.dt)
+            }
+            None => format!("{} of {} worlds", pulse.ended, pulse.worlds),
+        };
         self.bar.set_message(format!(
-            "t = {:.4} s   {name} ({}/{})   {:.0} steps/s   {:.2} M particle-steps/s   E_kin {:.3e} J   ETA {}",
-            g.step as f64 * c.dt,
-            (g.stage + 1).min(stages.len()),
-            stages.len(),
-            self.rates.0,
+            "{place}   {rate:.0} steps/s   {:.2} M particle-steps/s   ETA {}",
             self.rates.1 / 1e6,
-            pulse.kinetic,
-            duration(left as f64 / self.rates.0.max(1e-9)),
+            duration(left as f64 / rate.max(1e-9)),
         ));
     }
 

@@ -1,4 +1,4 @@
-//! `glebe check`: everything about a scene that can be known without running it.
+//! `glebe check`: everything about a scene or a study that can be known without running it.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -7,6 +7,8 @@ use glebe_engine::spec::Until;
 use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
 use glebe_io::scene::{BuiltScene, Scene};
+use glebe_io::study::Study;
+use glebe_study::sweep::Measure;
 use serde_json::json;
 
 use super::{Ended, Problem, Ui};
@@ -18,14 +20,15 @@ const RATE: f64 = 4e6;
 /// Memory of a particle in a dense bed: state, lists, contact history \[bytes\].
 const BYTES: f64 = 700.0;
 
-/// Checks a scene without running it: all errors at once, counts, memory, run time
+/// Checks a scene or a study without running it: all errors at once, counts, memory, run time
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   glebe check field/scene.toml
   glebe check field/scene.toml --set material.soil.density=2000
   glebe check field/scene.toml --device gpu
-  glebe check field/scene.toml --json")]
+  glebe check field/scene.toml --json
+  glebe check field/study.toml                  each world of a study")]
 pub(super) struct Args {
     #[command(flatten)]
     pub scene: SceneArgs,
@@ -62,10 +65,15 @@ impl SceneArgs {
 
     /// The folder that the scene's files are relative to.
     pub(super) fn folder(&self) -> &Path {
-        match self.scene.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder,
-            _ => Path::new("."),
-        }
+        folder_of(&self.scene)
+    }
+}
+
+/// The folder of a file.
+pub(super) fn folder_of(file: &Path) -> &Path {
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
     }
 }
 
@@ -75,6 +83,9 @@ pub(super) fn prepared(built: &BuiltScene) -> Result<(Arc<Constants>, State), Pr
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
+    if std::fs::read_to_string(&args.scene.scene).is_ok_and(|text| Study::is_meant(&text)) {
+        return study(args, ui);
+    }
     let (_, built) = args.scene.build(ui)?;
     let (constants, _) = prepared(&built)?;
     let chosen = args.device.choose([&*constants])?;
@@ -140,6 +151,54 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         },
         (bytes / 1e6).max(1.0),
         seconds.map_or(unknown.to_owned(), |s| format!("at most about {}", duration(s))),
+        chosen.backend.device(),
+    );
+    ui.result(&value, &text);
+    Ok(Ended::Done)
+}
+
+fn study(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
+    let plan = super::sweep::plan(&args.scene.scene, &args.scene.sets, ui)?;
+    let chosen = args.device.choose(plan.first())?;
+    let facts: Vec<_> = plan.worlds.iter().filter_map(|w| w.fate.as_ref().ok()).collect();
+    let particles: usize = facts.iter().map(|f| f.particles).sum();
+    let steps: f64 = facts.iter().map(|f| f.steps as f64).sum();
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let particle_steps: f64 = facts.iter().map(|f| f.steps as f64 * f.particles as f64).sum();
+    let seconds = particle_steps / (RATE * cores as f64);
+    let bytes = BYTES * particles as f64;
+    let measures: Vec<String> = plan.measures.iter().map(Measure::full_name).collect();
+    let worlds = plan.worlds.iter().map(|w| {
+        let refused = w.fate.as_ref().err();
+        json!({ "set": w.world.sets, "errors": refused })
+    });
+    let value = json!({
+        "status": "ok",
+        "worlds": worlds.collect::<Vec<_>>(),
+        "refused": plan.refused(),
+        "particles": particles,
+        "measures": measures,
+        "most_steps": steps,
+        "memory_bytes": bytes,
+        "device": chosen.backend.device(),
+        "devices": [{ "name": "cpu", "threads": cores, "most_wall_s": seconds }],
+        "warnings": plan.warnings,
+    });
+    let text = format!(
+        "{} is fine.\n\
+         worlds     {}{}\n\
+         particles  {particles} in all worlds\n\
+         measures   {}\n\
+         length     at most {steps:.2e} steps in all worlds\n\
+         memory     about {:.0} MB in one batch\n\
+         run time   at most about {} on the CPU with {cores} threads, without settled beds\n\
+         device     {}",
+        args.scene.scene.display(),
+        plan.worlds.len(),
+        if plan.refused() > 0 { format!(", {} refused", plan.refused()) } else { String::new() },
+        measures.join(", "),
+        (bytes / 1e6).max(1.0),
+        duration(seconds),
         chosen.backend.device(),
     );
     ui.result(&value, &text);

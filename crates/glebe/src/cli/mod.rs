@@ -7,6 +7,7 @@ mod check;
 mod devices;
 mod new;
 mod run;
+mod sweep;
 mod ui;
 
 use std::process::ExitCode;
@@ -32,6 +33,7 @@ Examples:
   glebe new field --quick              a small tillage scene in the folder `field`
   glebe run field/scene.toml           runs it; results go to `field/out`
   glebe run field/scene.toml --resume  goes on after an interruption
+  glebe sweep field/study.toml         many variants of a scene
 
 Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 interrupted (--resume continues).";
 
@@ -40,14 +42,20 @@ enum Verb {
     New(new::Args),
     Check(check::Args),
     Run(run::Args),
+    Sweep(sweep::Args),
     Validate(crate::validate::ValidateArgs),
     Bench(crate::bench::BenchArgs),
     Devices(devices::Args),
-    /// Prints the JSON Schema of scene files, for editors
+    /// Prints the JSON Schema of scene or study files, for editors
     #[command(after_help = "\
-Example:
-  glebe schema > scene.schema.json     then put `#:schema scene.schema.json` at the top of scene.toml")]
-    Schema,
+Examples:
+  glebe schema > scene.schema.json     then put `#:schema scene.schema.json` at the top of scene.toml
+  glebe schema study")]
+    Schema {
+        /// Which files
+        #[arg(default_value = "scene", value_parser = ["scene", "study"])]
+        of: String,
+    },
     /// Prints completions for a shell
     #[command(after_help = "\
 Examples:
@@ -71,6 +79,7 @@ pub fn main() -> ExitCode {
         Verb::New(args) => new::run(&args, &ui),
         Verb::Check(args) => check::run(&args, &ui),
         Verb::Run(args) => run::run(&args, &ui),
+        Verb::Sweep(args) => sweep::run(&args, &ui),
         Verb::Validate(args) => validate(&args, &ui),
         Verb::Bench(args) => match crate::bench::run(&args, &ui) {
             Ok(()) => Ok(Ended::Done),
@@ -81,8 +90,9 @@ pub fn main() -> ExitCode {
             devices::run(&ui);
             Ok(Ended::Done)
         }
-        Verb::Schema => {
-            ui.print(&format!("{:#}", glebe_io::scene::schema()));
+        Verb::Schema { of } => {
+            let schema = if of == "study" { glebe_io::study::schema() } else { glebe_io::scene::schema() };
+            ui.print(&format!("{schema:#}"));
             Ok(Ended::Done)
         }
         Verb::Completions { shell } => {

@@ -8,15 +8,16 @@ use serde_json::json;
 
 use super::ui::shell_word;
 use super::{Ended, Problem, Ui};
-use crate::templates::{TEMPLATES, Template};
+use crate::templates::{SCENE, STUDY, TEMPLATES, Template};
 
-/// Makes a folder with a commented scene and its meshes, to start from
+/// Makes a folder with a commented scene, its meshes and study, to start from
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   glebe new field                      the full-size tillage scene: minutes on two cores
   glebe new field --quick              a coarse one: within a minute
-  glebe new mill --template drum")]
+  glebe new mill --template drum
+  glebe new field --template sweep     a study: many variants of a scene")]
 pub(super) struct Args {
     /// The folder to make
     name: PathBuf,
@@ -48,14 +49,14 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     fs::create_dir_all(folder)
         .map_err(|e| Problem::Input(format!("the folder {} cannot be made: {e}", folder.display())))?;
     let files = template.write(folder, args.quick).map_err(|e| failed(&e))?;
-    let scene = folder.join("scene.toml");
+    let (verb, file) = if files.contains(&STUDY) { ("sweep", STUDY) } else { ("run", SCENE) };
     let value = json!({ "status": "ok", "folder": folder, "template": template.name, "files": files });
     let text = format!(
-        "{}: {} ({})\nRun it:  glebe run {}",
+        "{}: {} ({})\nRun it:  glebe {verb} {}",
         folder.display(),
         template.summary,
         files.join(", "),
-        shell_word(&scene.display().to_string())
+        shell_word(&folder.join(file).display().to_string())
     );
     ui.result(&value, &text);
     Ok(Ended::Done)

@@ -27,62 +27,81 @@ Examples:
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Output folder [default: `out` beside the scene]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Where to compute: auto, cpu, gpu, gpu:N or cuda:N, as `glebe devices` lists them
-    #[arg(long, value_name = "DEVICE", default_value = "auto")]
-    device: Device,
-    /// Threads to use [default: all]; results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
-    threads: Option<u16>,
-    /// Continues from the last good checkpoint in the output folder, to the same bits
-    #[arg(long, conflicts_with = "force")]
-    resume: bool,
-    /// Replaces the results of an earlier run
-    #[arg(long)]
-    force: bool,
-    /// Neither takes nor keeps settled beds
-    #[arg(long)]
-    no_cache: bool,
+    #[command(flatten)]
+    compute: ComputeArgs,
     /// Wall time between checkpoints [s]
     #[arg(long, value_name = "SECONDS", default_value_t = 60)]
     checkpoint_every: u64,
     /// Prints the share of time per phase
     #[arg(long)]
     profile: bool,
-    /// Prints errors and warnings only
-    #[arg(long, short)]
-    quiet: bool,
 }
 
-pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
-    let ui = &ui.quieted(args.quiet);
-    catch_interrupts().map_err(Problem::Failed)?;
-    if let Some(threads) = args.threads {
+/// Where and how to compute, for every verb that runs worlds of files.
+#[derive(Debug, clap::Args)]
+pub(super) struct ComputeArgs {
+    /// Output folder [default: `out` beside the file]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Where to compute: auto, cpu, gpu, gpu:N or cuda:N, as `glebe devices` lists them
+    #[arg(long, value_name = "DEVICE", default_value = "auto")]
+    pub device: Device,
+    /// Threads to use [default: all]; results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub threads: Option<u16>,
+    /// Continues what is in the output folder, to the same bits
+    #[arg(long, conflicts_with = "force")]
+    pub resume: bool,
+    /// Replaces the results of an earlier run
+    #[arg(long)]
+    pub force: bool,
+    /// Neither takes nor keeps settled beds
+    #[arg(long)]
+    pub no_cache: bool,
+    /// Prints errors and warnings only
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+impl ComputeArgs {
+    /// Starts as many threads as asked for.
+    pub(super) fn start_threads(&self) -> Result<(), Problem> {
+        let Some(threads) = self.threads else { return Ok(()) };
         rayon::ThreadPoolBuilder::new()
             .num_threads(usize::from(threads))
             .build_global()
-            .map_err(|e| Problem::Failed(format!("{threads} threads cannot be started: {e}")))?;
+            .map_err(|e| Problem::Failed(format!("{threads} threads cannot be started: {e}")))
     }
+
+    /// What is done with results that are there.
+    pub(super) fn existing(&self) -> Existing {
+        match (self.resume, self.force) {
+            (true, _) => Existing::Resume,
+            (_, true) => Existing::Replace,
+            _ => Existing::Refuse,
+        }
+    }
+}
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
+    let compute = &args.compute;
+    let ui = &ui.quieted(compute.quiet);
+    catch_interrupts().map_err(Problem::Failed)?;
+    compute.start_threads()?;
     let (scene, built) = args.scene.build(ui)?;
     // Its errors point into the scene, which those of the run itself cannot.
     let (constants, _) = prepared(&built)?;
-    let chosen = args.device.choose([&*constants])?;
+    let chosen = compute.device.choose([&*constants])?;
     chosen.note.iter().for_each(|line| ui.note(line));
-    let out = args.out.clone().unwrap_or_else(|| args.scene.folder().join("out"));
+    let out = compute.out.clone().unwrap_or_else(|| args.scene.folder().join("out"));
     if interrupted() {
         ui.note("interrupted before the first step; nothing was written");
         return Ok(Ended::Interrupted);
     }
     let settings = Settings {
         backend: chosen.backend,
-        existing: match (args.resume, args.force) {
-            (true, _) => Existing::Resume,
-            (_, true) => Existing::Replace,
-            _ => Existing::Refuse,
-        },
-        beds: default_bed_folder().filter(|_| !args.no_cache),
+        existing: compute.existing(),
+        beds: default_bed_folder().filter(|_| !compute.no_cache),
         checkpoint_every: Duration::from_secs(args.checkpoint_every),
         checkpoint_time: scene.checkpoint,
         warnings: built.warnings.iter().map(one_line).collect(),
@@ -105,7 +124,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         Status::Done => {
             let mut value = json!(summary);
             value["out"] = json!(out);
-            ui.result(&value, if args.quiet { String::new() } else { told(&summary, &out) }.as_str());
+            ui.result(&value, if compute.quiet { String::new() } else { told(&summary, &out) }.as_str());
             Ok(Ended::Done)
         }
         Status::Interrupted => {
@@ -124,7 +143,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
 }
 
 /// The `--set` arguments again: a run can only be resumed with them.
-fn repeat(sets: &[String]) -> String {
+pub(super) fn repeat(sets: &[String]) -> String {
     sets.iter().flat_map(|set| [" --set ".to_owned(), shell_word(set)]).collect()
 }
 

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use glebe_engine::backend::Unavailable;
 use glebe_io::scene::SceneError;
+use glebe_study::sweep::SweepError;
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use serde_json::{Value, json};
 
@@ -34,6 +35,12 @@ pub enum Problem {
 
 impl From<RunError> for Problem {
     fn from(error: RunError) -> Self {
+        if error.is_input() { Self::Input(error.to_string()) } else { Self::Failed(error.to_string()) }
+    }
+}
+
+impl From<SweepError> for Problem {
+    fn from(error: SweepError) -> Self {
         if error.is_input() { Self::Input(error.to_string()) } else { Self::Failed(error.to_string()) }
     }
 }

@@ -10,14 +10,16 @@ use std::time::{Duration, Instant};
 use glebe_engine::backend::{Backend, Unavailable};
 use glebe_engine::batch::Status;
 use glebe_engine::spec::WorldSpec;
-use glebe_engine::state::{Progress, State};
+use glebe_engine::state::State;
 use glebe_engine::{BytesError, Constants, SetupError, prepare};
 use glebe_io::checkpoint::{self, CheckpointError, CheckpointWriter, Header};
+pub use glebe_io::output::Existing;
 use glebe_io::output::summary::{self, Summary};
 use glebe_io::output::{OutputDir, OutputError};
 
 pub use glebe_study::default_bed_folder;
 use glebe_study::drive::{Drive, Event, Outcome, doubts, told};
+pub use glebe_study::drive::{Listener, Pulse, Silent};
 use glebe_study::scene_hash;
 
 use self::plots::Furrows;
@@ -58,52 +60,6 @@ impl Settings {
     }
 }
 
-/// What is done with the results of an earlier run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Existing {
-    /// They stay, and nothing is run.
-    Refuse,
-    /// They are removed.
-    Replace,
-    /// They are continued from the last good checkpoint.
-    Resume,
-}
-
-/// Follows a run.
-pub trait Listener {
-    /// A line for the log.
-    fn note(&mut self, _line: &str) {}
-    /// Something the user should know; it is also in the summary.
-    fn warn(&mut self, _line: &str) {}
-    /// The run goes on.
-    fn pulse(&mut self, _pulse: &Pulse<'_>) {}
-    /// Whether the run shall stop at the next sample, with a checkpoint.
-    fn interrupted(&self) -> bool {
-        false
-    }
-}
-
-/// A [`Listener`] that does not.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Silent;
-
-impl Listener for Silent {}
-
-/// How a run stands, at every sample.
-#[derive(Clone, Copy, Debug)]
-pub struct Pulse<'a> {
-    /// The world's constants.
-    pub constants: &'a Constants,
-    /// Its progress.
-    pub progress: &'a Progress,
-    /// Steps since the run was started or resumed.
-    pub steps: u64,
-    /// Particles × steps since then.
-    pub particle_steps: f64,
-    /// Kinetic energy \[J\].
-    pub kinetic: f64,
-}
-
 /// Why a run was not done.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -135,12 +91,7 @@ impl RunError {
     pub fn is_input(&self) -> bool {
         match self {
             Self::Setup(_) | Self::Device(_) | Self::State { .. } => true,
-            Self::Output(e) => matches!(
-                e,
-                OutputError::NotEmpty { .. }
-                    | OutputError::NotAFolder { .. }
-                    | OutputError::NothingToResume { .. }
-            ),
+            Self::Output(e) => e.is_input(),
             Self::Checkpoint(e) => !matches!(e, CheckpointError::Output(_)),
         }
     }
@@ -260,13 +211,8 @@ impl Run {
                 }
             }
             let last = self.recorder.last.as_ref();
-            listener.pulse(&Pulse {
-                constants: &self.constants,
-                progress: self.drive.batch().progress(0),
-                steps: self.drive.steps(),
-                particle_steps: self.drive.particle_steps(),
-                kinetic: last.map_or(0.0, |s| s.ledger.translation + s.ledger.rotation),
-            });
+            let kinetic = last.map(|s| s.ledger.translation + s.ledger.rotation);
+            listener.pulse(&Pulse { drive: &self.drive, kinetic, worlds: 1, ended: 0, later: 0 });
             let batch = self.drive.batch();
             if matches!(batch.status(0), Status::Failed(_)) {
                 break;

@@ -5,7 +5,7 @@ use glebe_engine::batch::{Batch, positions};
 use glebe_engine::spec::{Component, Motion, Pose, Shape, Vec3, Window};
 use glebe_engine::state::{StageResult, State};
 use glebe_io::output::series::Series;
-use glebe_io::output::{OutputDir, OutputError, SVG_MARK, write_atomic};
+use glebe_io::output::{OutputDir, OutputError, file_word};
 use glebe_report::{Draught, FurrowView, Profile, draught_force, energies, furrow_profile};
 
 /// Bins of a furrow profile.
@@ -159,7 +159,7 @@ pub(super) fn write(
     let begins = std::iter::once(0.0).chain(results.iter().map(|r| r.time));
     let names = c.spec.stages.iter().map(|s| s.name.as_str());
     let marks: Vec<(f64, &str)> = begins.zip(names).filter(|(t, _)| *t >= first).collect();
-    plot(dir, "energies", &energies(time, &accounts, &marks, true))?;
+    dir.write_plot("energies", &energies(time, &accounts, &marks, true))?;
 
     for stage in 0..c.spec.stages.len() {
         for moved in moved(c, stage) {
@@ -188,28 +188,17 @@ pub(super) fn write(
                 .filter(|m| m.n > 0)
                 .map(|m| [m.mean, m.std()]);
             let draught = Draught { displacement: &path, force: &force, window, mean_std };
-            plot(dir, &file_name(c, stage, moved.surface, "draught"), &draught_force(&draught))?;
+            dir.write_plot(&file_name(c, stage, moved.surface, "draught"), &draught_force(&draught))?;
         }
     }
     for (stage, surface, profile, level) in &furrows.done {
-        plot(dir, &file_name(c, *stage, *surface, "furrow"), &profile.plot(*level))?;
+        dir.write_plot(&file_name(c, *stage, *surface, "furrow"), &profile.plot(*level))?;
     }
     Ok(())
 }
 
 /// `till_sweep_draught`
 fn file_name(c: &Constants, stage: usize, surface: usize, what: &str) -> String {
-    let safe = |name: &str| -> String {
-        name.chars().map(|x| if x.is_alphanumeric() || x == '-' { x } else { '-' }).collect()
-    };
-    format!("{}_{}_{what}", safe(&c.spec.stages[stage].name), safe(&c.spec.surfaces[surface].name))
-}
-
-fn plot(dir: &OutputDir, name: &str, svg: &str) -> Result<(), OutputError> {
-    write_atomic(&dir.plot(name), |out| {
-        if !svg.starts_with(SVG_MARK) {
-            writeln!(out, "{SVG_MARK}")?;
-        }
-        out.write_all(svg.as_bytes())
-    })
+    let [stage, surface] = [&c.spec.stages[stage].name, &c.spec.surfaces[surface].name].map(|n| file_word(n));
+    format!("{stage}_{surface}_{what}")
 }

@@ -1,4 +1,4 @@
-//! Scenes to start from. One text per template, with the values that differ between its full and its quick
+//! Scenes and studies to start from. One text per template, with the values that differ between its full and its quick
 //! size marked `@name@`.
 
 use std::path::Path;
@@ -6,6 +6,11 @@ use std::path::Path;
 use glebe_io::mesh::{StlFormat, write_stl};
 use glebe_io::output::OutputError;
 use glebe_io::tool::Sweep;
+
+/// Name of the scene file.
+pub const SCENE: &str = "scene.toml";
+/// Name of the study file.
+pub const STUDY: &str = "study.toml";
 
 /// A scene to start from.
 pub struct Template {
@@ -18,6 +23,8 @@ pub struct Template {
     values: &'static [(&'static str, &'static str, &'static str)],
     /// Name of the file that the parametric sweep is written to, if the scene has one.
     sweep: Option<&'static str>,
+    /// The study of the scene, if it is one.
+    study: Option<&'static str>,
 }
 
 /// Every template.
@@ -34,6 +41,7 @@ pub const TEMPLATES: &[Template] = &[
             ("radius", "\"7 mm\", \"10 mm\"", "\"14 mm\", \"20 mm\""),
         ],
         sweep: Some("sweep.stl"),
+        study: None,
     },
     Template {
         name: "drum",
@@ -49,6 +57,7 @@ pub const TEMPLATES: &[Template] = &[
             ("window", "2.0, 4.0", "0.6, 1.2"),
         ],
         sweep: None,
+        study: None,
     },
     Template {
         name: "silo",
@@ -63,6 +72,7 @@ pub const TEMPLATES: &[Template] = &[
             ("duration", "3 s", "1 s"),
         ],
         sweep: None,
+        study: None,
     },
     Template {
         name: "deposition",
@@ -75,6 +85,23 @@ pub const TEMPLATES: &[Template] = &[
             ("radius", "\"28 mm\", \"52 mm\"", "\"45 mm\", \"85 mm\""),
         ],
         sweep: None,
+        study: None,
+    },
+    Template {
+        name: "sweep",
+        summary: "a study: the draught force of a blade over its width and speed",
+        text: include_str!("blade.toml"),
+        values: &[
+            ("small", "", ", in a size that ends within a minute"),
+            ("title", "A blade in dry soil", "A blade in dry soil, coarse"),
+            ("step", "50 us", "80 us"),
+            ("count", "13000", "1700"),
+            ("radius", "\"4 mm\", \"5 mm\"", "\"8 mm\", \"10 mm\""),
+            ("widths", "5", "4"),
+            ("speeds", "5", "3"),
+        ],
+        sweep: None,
+        study: Some(include_str!("sweep.toml")),
     },
 ];
 
@@ -86,20 +113,33 @@ impl Template {
 
     /// The scene file.
     pub fn scene(&self, quick: bool) -> String {
+        self.filled(self.text, quick)
+    }
+
+    /// The study file, if it is a study.
+    pub fn study(&self, quick: bool) -> Option<String> {
+        self.study.map(|text| self.filled(text, quick))
+    }
+
+    fn filled(&self, text: &str, quick: bool) -> String {
         let value = |text: String, (name, full, small): &(&str, &str, &str)| {
             text.replace(&format!("@{name}@"), if quick { small } else { full })
         };
-        self.values.iter().fold(self.text.to_owned(), value)
+        self.values.iter().fold(text.to_owned(), value)
     }
 
-    /// Writes the scene and its meshes into a folder that is there; returns the names of the files.
+    /// Writes the scene with its study and meshes into a folder that is there; returns the names of the files.
     ///
     /// # Errors
     /// [`OutputError::Io`].
     pub fn write(&self, folder: &Path, quick: bool) -> Result<Vec<&'static str>, OutputError> {
-        let mut files = vec!["scene.toml"];
-        let scene = self.scene(quick);
-        glebe_io::output::write_atomic(&folder.join("scene.toml"), |out| out.write_all(scene.as_bytes()))?;
+        let texts =
+            self.study(quick).map(|text| (STUDY, text)).into_iter().chain([(SCENE, self.scene(quick))]);
+        let mut files = Vec::new();
+        for (name, text) in texts {
+            glebe_io::output::write_atomic(&folder.join(name), |out| out.write_all(text.as_bytes()))?;
+            files.push(name);
+        }
         if let Some(name) = self.sweep {
             let path = folder.join(name);
             // The default sweep is within its own limits.

@@ -41,6 +41,12 @@ pub enum OutputError {
         /// The path.
         path: PathBuf,
     },
+    /// A file has the name of one of ours, and is none.
+    #[error("{path}: is not a file that glebe made, and is not overwritten: give another folder with --out")]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+    },
     /// A run should be continued where there is none.
     #[error("{path}: there is no run to resume here: the folder {why}; start it without --resume")]
     NothingToResume {
@@ -68,6 +74,17 @@ pub enum OutputError {
 }
 
 impl OutputError {
+    /// Whether what was given is at fault, rather than what happened after the start.
+    pub fn is_input(&self) -> bool {
+        matches!(
+            self,
+            Self::NotEmpty { .. }
+                | Self::NotAFolder { .. }
+                | Self::Foreign { .. }
+                | Self::NothingToResume { .. }
+        )
+    }
+
     pub(crate) fn io(path: &Path, action: &'static str, source: io::Error) -> Self {
         Self::Io { path: path.to_owned(), action, source }
     }

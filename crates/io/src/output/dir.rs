@@ -9,9 +9,30 @@ use super::atomic::{OutputError, PARTIAL_PREFIX, write_atomic};
 /// The first line of every SVG file that glebe writes, by which it knows its own plots again.
 pub const SVG_MARK: &str = "<!-- plotted by glebe -->";
 
-/// Files at the top of an output folder that belong to a run.
-const OWN_FILES: [&str; 6] =
-    ["series.csv", "series.parquet", "summary.json", "frames.pvd", "report.html", "worlds.csv"];
+/// The first line of the copy of a study, by which glebe knows it again.
+const STUDY_MARK: &str = "# copied by glebe";
+
+/// Files at the top of an output folder that belong to a run or a study.
+const OWN_FILES: [&str; 7] = [
+    "series.csv",
+    "series.parquet",
+    "summary.json",
+    "frames.pvd",
+    "report.html",
+    "worlds.csv",
+    "journal.jsonl",
+];
+
+/// What is done with the results of an earlier run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Existing {
+    /// They stay, and nothing is run.
+    Refuse,
+    /// They are removed.
+    Replace,
+    /// They are continued.
+    Resume,
+}
 
 /// The folder that a run writes its results into.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -50,14 +71,32 @@ impl OutputDir {
     /// [`OutputError::NothingToResume`] if there is no folder or no checkpoint in it;
     /// [`OutputError::Io`] for a place that cannot be written to.
     pub fn open_existing(path: &Path) -> Result<Self, OutputError> {
+        Self::open(path, "holds no checkpoint", |dir| {
+            let checkpoints = dir.checkpoints();
+            Ok(checkpoints.is_dir() && names(&checkpoints)?.iter().any(|name| is_checkpoint(name)))
+        })
+    }
+
+    /// Opens the folder of an earlier study, to continue it.
+    ///
+    /// # Errors
+    /// As [`open_existing`](Self::open_existing), with the journal in the place of checkpoints.
+    pub fn open_study(path: &Path) -> Result<Self, OutputError> {
+        Self::open(path, "holds no journal of a study", |dir| Ok(is_file(&dir.journal())))
+    }
+
+    fn open(
+        path: &Path,
+        without: &'static str,
+        can: impl Fn(&Self) -> Result<bool, OutputError>,
+    ) -> Result<Self, OutputError> {
         let missing = |why| OutputError::NothingToResume { path: path.to_owned(), why };
         if !path.is_dir() {
             return Err(missing("does not exist"));
         }
         let dir = Self { path: path.to_owned() };
-        let checkpoints = dir.checkpoints();
-        if !checkpoints.is_dir() || !names(&checkpoints)?.iter().any(|name| is_checkpoint(name)) {
-            return Err(missing("holds no checkpoint"));
+        if !can(&dir)? {
+            return Err(missing(without));
         }
         dir.probe()?;
         Ok(dir)
@@ -87,9 +126,49 @@ impl OutputDir {
     pub fn frames_pvd(&self) -> PathBuf {
         self.path.join("frames.pvd")
     }
+    /// Where the results of each world of a study are.
+    pub fn worlds(&self) -> PathBuf {
+        self.path.join("worlds.csv")
+    }
+    /// Where the worlds of a study are noted that have ended.
+    pub fn journal(&self) -> PathBuf {
+        self.path.join("journal.jsonl")
+    }
     /// Where the plot `name` (without extension) is. Plots start with [`SVG_MARK`].
     pub fn plot(&self, name: &str) -> PathBuf {
         self.path.join(format!("{name}.svg"))
+    }
+
+    /// Writes a plot, an SVG text, whole or not at all.
+    ///
+    /// # Errors
+    /// [`OutputError::Io`].
+    pub fn write_plot(&self, name: &str, svg: &str) -> Result<(), OutputError> {
+        write_atomic(&self.plot(name), |out| {
+            if !svg.starts_with(SVG_MARK) {
+                writeln!(out, "{SVG_MARK}")?;
+            }
+            out.write_all(svg.as_bytes())
+        })
+    }
+
+    /// Writes the copy `study.toml` of a study, with a remark for each of `sets`, by which it was changed. A file of
+    /// that name that is no such copy stays.
+    ///
+    /// # Errors
+    /// [`OutputError::Foreign`], [`OutputError::Io`].
+    pub fn write_study(&self, text: &str, sets: &[String]) -> Result<(), OutputError> {
+        let path = self.path.join("study.toml");
+        if path.symlink_metadata().is_ok() && !begins_with(&path, STUDY_MARK)? {
+            return Err(OutputError::Foreign { path });
+        }
+        write_atomic(&path, |out| {
+            writeln!(out, "{STUDY_MARK}")?;
+            for set in sets {
+                writeln!(out, "# --set {}", set.replace(['\n', '\r'], " "))?;
+            }
+            out.write_all(text.as_bytes())
+        })
     }
 
     /// A read-only folder should be told of before hours of computing, not after.
@@ -121,7 +200,10 @@ fn remove_own(path: &Path) -> Result<(), OutputError> {
     for name in names(path)? {
         let file = path.join(&name);
         if is_file(&file)
-            && (OWN_FILES.contains(&name.as_str()) || name.starts_with(PARTIAL_PREFIX) || is_own_plot(&file)?)
+            && (OWN_FILES.contains(&name.as_str())
+                || name.starts_with(PARTIAL_PREFIX)
+                || (file.extension().is_some_and(|e| e == "svg") && begins_with(&file, SVG_MARK)?)
+                || (name == "study.toml" && begins_with(&file, STUDY_MARK)?))
         {
             remove_file(&file)?;
         }
@@ -169,13 +251,15 @@ fn is_checkpoint(name: &str) -> bool {
     crate::checkpoint::sequence_number(name).is_some()
 }
 
-fn is_own_plot(file: &Path) -> Result<bool, OutputError> {
-    if file.extension().is_none_or(|e| e != "svg") {
-        return Ok(false);
-    }
+fn begins_with(file: &Path, mark: &str) -> Result<bool, OutputError> {
     let mut start = Vec::new();
     fs::File::open(file)
-        .and_then(|f| f.take(SVG_MARK.len() as u64).read_to_end(&mut start))
+        .and_then(|f| f.take(mark.len() as u64).read_to_end(&mut start))
         .map_err(|e| OutputError::io(file, "read this file", e))?;
-    Ok(start == SVG_MARK.as_bytes())
+    Ok(start == mark.as_bytes())
+}
+
+/// A name as a part of a file's name.
+pub fn file_word(name: &str) -> String {
+    name.chars().map(|x| if x.is_alphanumeric() || x == '-' { x } else { '-' }).collect()
 }

@@ -5,11 +5,15 @@
 mod atomic;
 mod dir;
 mod frames;
+mod journal;
 pub mod pvd;
 pub mod series;
 pub mod summary;
+mod table;
 pub mod vtp;
 
 pub use atomic::{OutputError, write_atomic};
-pub use dir::{OutputDir, SVG_MARK};
+pub use dir::{Existing, OutputDir, SVG_MARK, file_word};
 pub use frames::FrameWriter;
+pub use journal::Journal;
+pub use table::{Cell, write_table};

@@ -180,7 +180,7 @@ fn read_text(path: &Path) -> Result<String, OutputError> {
 }
 
 /// The shortest digits that read back as the same number.
-fn number(text: &mut String, value: f64) {
+pub(super) fn number(text: &mut String, value: f64) {
     // Writing to a string cannot fail. `{}` has no exponent, `{:?}` puts `.0` behind whole numbers.
     let _ = if value.fract() == 0.0 && value.abs() < 1e15 {
         write!(text, "{value}")

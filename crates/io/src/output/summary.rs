@@ -47,6 +47,8 @@ pub enum Status {
     Done,
     /// A guard stopped it.
     Failed,
+    /// It is a world of a study that cannot be set up.
+    Refused,
     /// The user stopped it; `--resume` continues.
     Interrupted,
 }

@@ -46,6 +46,8 @@ pub struct Study {
     pub title: String,
     /// The scene file: the study's folder with the path as written.
     pub scene: PathBuf,
+    /// What stands in it.
+    pub scene_text: String,
     /// How worlds are chosen.
     pub sampler: Sampler,
     /// How many worlds the samplers choose that spread them over ranges; 0 for the others.
@@ -197,7 +199,8 @@ impl Study {
         let mut root = document::parse(&source)?;
         let found = set::apply(&mut root, &STUDY, sets);
         let known = Known::default();
-        let mut reader = Reader { checker: Checker { known: &known, found }, scene: None };
+        let checker = Checker { known: &known, found };
+        let mut reader = Reader { checker, scene: None, scene_text: String::new() };
         let file = reader.checker.table(&root, &STUDY, "");
         let scene = file
             .located_if("scene")
@@ -236,6 +239,7 @@ struct Reader<'a> {
     checker: Checker<'a>,
     /// The scene; absent if it could not be read, so that nothing is said of what it should hold.
     scene: Option<Node>,
+    scene_text: String,
 }
 
 impl Reader<'_> {
@@ -245,6 +249,7 @@ impl Reader<'_> {
             Ok(text) => {
                 let root = document::parse(&Source::new(&path.value.display().to_string(), &text))?;
                 self.scene = Some(root);
+                self.scene_text = text;
             }
             Err(error) => {
                 let message = format!("cannot read `{}`: {error}", path.value.display());
@@ -278,6 +283,7 @@ impl Reader<'_> {
         Study {
             title: file.text("title"),
             scene: PathBuf::new(),
+            scene_text: std::mem::take(&mut self.scene_text),
             sampler,
             points,
             seed: file.integer("seed"),
