@@ -170,8 +170,11 @@ fn check_tells_what_would_be_run() {
 fn a_device_that_is_not_there_is_refused_by_every_verb() {
     let place = Place::new();
     place.write("scene.toml", SCENE);
-    let verbs: [&[&str]; 4] = [
+    place.write("study.toml", "scene = \"scene.toml\"\n[vary.seed]\npath = \"seed\"\nvalues = [1]\n");
+    let verbs: [&[&str]; 6] = [
         &["run", "scene.toml"],
+        &["sweep", "study.toml"],
+        &["check", "study.toml"],
         &["check", "scene.toml"],
         &["validate", "B11", "--out", "out"],
         &["bench", "--sizes", "300", "--beds", "mono"],

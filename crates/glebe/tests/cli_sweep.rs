@@ -35,7 +35,7 @@ fn place() -> Place {
 }
 
 /// Rows of `worlds.csv`, by the names of its header.
-fn rows(place: &Place, out: &str) -> Vec<std::collections::BTreeMap<String, String>> {
+fn cells(place: &Place, out: &str) -> Vec<std::collections::BTreeMap<String, String>> {
     let text = fs::read_to_string(place.path(out).join("worlds.csv")).unwrap();
     let split = |line: &str| -> Vec<String> {
         // Only reasons hold commas, and those stand in quotes.
@@ -106,7 +106,7 @@ fn worlds_of_a_sweep_are_those_of_single_runs() {
         assert!(String::from_utf8(bytes(&place, &format!("out/{plot}"))).unwrap().contains("R²"));
     }
 
-    let rows = rows(&place, "out");
+    let rows = cells(&place, "out");
     let column = |name: &str| rows.iter().map(|row| row[name].clone()).collect::<Vec<_>>();
     assert_eq!(column("density"), ["2000", "2000", "2200", "2200"]);
     assert_eq!(column("speed"), ["0.3", "0.45", "0.3", "0.45"]);
@@ -158,7 +158,7 @@ fn a_sweep_that_is_interrupted_or_killed_ends_with_the_same_bytes() {
     if ended(&place, "parts") < 4 {
         stopped.expect(130).says(&["To go on: glebe sweep study.toml --out parts --resume"]);
         let statuses: Vec<String> =
-            rows(&place, "parts").into_iter().map(|row| row["status"].clone()).collect();
+            cells(&place, "parts").into_iter().map(|row| row["status"].clone()).collect();
         assert!(statuses.contains(&"interrupted".to_owned()), "{statuses:?}");
         assert!(saved() > 0);
     }
@@ -187,7 +187,7 @@ fn a_world_that_goes_wrong_is_a_row_and_the_rest_finish() {
         .expect(0)
         .says(&["world 0 is refused: static friction 0.6 is below sliding friction 0.7", "world 1: at t ="]);
     assert!(sweep.stdout.contains("1 of 3 worlds done, 1 failed, 1 refused"), "{}", sweep.stdout);
-    let rows = rows(&place, "out");
+    let rows = cells(&place, "out");
     let status: Vec<&str> = rows.iter().map(|row| row["status"].as_str()).collect();
     assert_eq!(status, ["refused", "failed", "done"]);
     assert!(rows[0]["reason"].contains("give `static_friction` 0.7 or more"), "{:?}", rows[0]);
@@ -198,8 +198,16 @@ fn a_world_that_goes_wrong_is_a_row_and_the_rest_finish() {
 
     let alone = ["sweep", "study.toml", "--no-cache", "--out", "none", "--set"];
     let soft = "vary.stiffness.values=[\"5 kPa\"]";
-    let none = [&alone[..], &[soft, "--set", "vary.friction.values=[0.5]"]].concat();
+    // Whoever waits for a bed that fails finds out by itself.
+    let twice = "vary.stiffness.values=[\"5 kPa\", \"5 kPa\"]";
+    let none = [&alone[..], &[twice, "--set", "vary.friction.values=[0.5, 0.5]"]].concat();
     place.glebe(&none).expect(1).says(&["no world is done"]);
+    let failed = cells(&place, "none");
+    assert_eq!(failed[0]["status"], "failed");
+    assert_eq!(
+        (&failed[0]["reason"], &failed[0]["state_hash"]),
+        (&failed[1]["reason"], &failed[1]["state_hash"])
+    );
     let refused = [&alone[..], &[soft, "--set", "vary.friction.values=[0.7]", "--force"]].concat();
     place.glebe(&refused).expect(2).says(&["every world is refused", "friction"]);
     assert_eq!(place.summary("none")["status"], "failed", "nothing was written");

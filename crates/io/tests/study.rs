@@ -171,6 +171,11 @@ const MISTAKES: &[(&str, &str, &[&str])] = &[
         &["multiplies a number, and `contact.normal`"],
     ),
     ("\"material.soil.density\"", "\"contact.normal\"", &["what it varies is no number", "write values"]),
+    (
+        "\"material.soil.static_friction\"",
+        "\"material.soil.density\"",
+        &["which another sets already", "again"],
+    ),
     ("\"material.soil.density\"", "\"a b\"", &["`a b` is not a path", "dots between"]),
     ("path = \"material.soil.density\"", "", &["`vary.density` needs `path`"]),
     ("scene = \"example.toml\"", "", &["the file needs `scene`"]),

@@ -265,6 +265,24 @@ mod tests {
     }
 
     #[test]
+    fn spread_worlds_lie_in_their_ranges() {
+        let text = "points = 16\n[vary.e]\npath = \"material.soil.youngs_modulus\"\nrange = [1e5, 1e7]\n\
+                    spacing = \"logarithmic\"\n[vary.n]\npath = \"particles.bed.count\"\nrange = [10, 20]\n\
+                    [vary.law]\npath = \"contact.normal\"\nvalues = [\"hertz\", \"linear\"]\n";
+        for sampler in [Sampler::LatinHypercube, Sampler::Sobol] {
+            let worlds = worlds(&study(sampler, text)).unwrap();
+            let column = |k: usize| worlds.iter().map(|w| w.values[k].clone()).collect::<Vec<_>>();
+            let numbers = |k: usize| column(k).iter().map(|v| v.number().unwrap()).collect::<Vec<f64>>();
+            assert_eq!(worlds.len(), 16);
+            assert!(numbers(0).iter().all(|x| (1e5..=1e7).contains(x)));
+            // Equal ratios: as many below the geometric mean as above; texts take equal shares.
+            assert_eq!(numbers(0).iter().filter(|x| **x < 1e6).count(), 8, "{sampler:?}");
+            assert_eq!(column(2).iter().filter(|v| **v == Value::Text("\"linear\"".to_owned())).count(), 8);
+            assert!(column(1).iter().all(|v| matches!(v, Value::Whole(10..=20))), "{:?}", column(1));
+        }
+    }
+
+    #[test]
     fn each_stratum_of_a_latin_hypercube_holds_one_point() {
         for points in [1, 7, 100, 1000] {
             let all = latin_hypercube(points, 5, 3);

@@ -524,6 +524,15 @@ impl Reader<'_> {
             }
             taken.push(&name.value);
         }
+        let mut paths: Vec<Located<String>> = Vec::new();
+        for (name, record) in file.named("vary").iter().chain(file.named("follow")) {
+            let Some(path) = record.located_if("path") else { continue };
+            if paths.contains(&path) {
+                let message = format!("`{}` sets `{}`, which another sets already", name.value, path.value);
+                self.checker.error(SceneError::new("duplicate", &path.place, message).label("again"));
+            }
+            paths.push(path);
+        }
     }
 
     fn not_too_many(&mut self, file: &Record, parameters: &[Parameter], sampler: Sampler) {

@@ -249,13 +249,14 @@ impl Sweep<'_> {
                 if logarithmic { low * (high / low).powf(share) } else { low + share * (high - low) }
             })
             .collect();
+        let told_line = |f: Fit| {
+            let sign = if f.b < 0.0 { '-' } else { '+' };
+            format!("{} {sign} {} x, R² {:.4}", short(f.a), short(f.b.abs()), f.r2)
+        };
+        let told_power = |f: Fit| format!("{} x^{:.3}, R² {:.4}", short(f.a), f.b, f.r2);
         let curves = [
-            line.map(|f| {
-                (format!("{} + {} x, R² {:.4}", short(f.a), short(f.b), f.r2), of(&along, |x| f.a + f.b * x))
-            }),
-            law.map(|f| {
-                (format!("{} x^{:.3}, R² {:.4}", short(f.a), f.b, f.r2), of(&along, |x| f.a * x.powf(f.b)))
-            }),
+            line.map(|f| (told_line(f), of(&along, |x| f.a + f.b * x))),
+            law.map(|f| (told_power(f), of(&along, |x| f.a * x.powf(f.b)))),
         ];
         let styles = [Style::Line, Style::Dashed];
         let mut series = vec![Series { name: "worlds", x: &x, y: &y, style: Style::Points }];
