@@ -3,6 +3,19 @@
 //! [`drive`] takes the worlds of a batch through their stages: a single run is a batch of one. It keeps settled
 //! beds, so that worlds which share their first stages settle once. [`sample`] chooses the worlds of a study, [`sweep`]
 //! runs them, [`fit`] draws curves through what they measured.
+//!
+//! ```no_run
+//! use std::path::Path;
+//! use glebe_io::study::Study;
+//! use glebe_study::drive::Silent;
+//! use glebe_study::sweep::{Plan, Settings, run};
+//!
+//! let study = Study::load(Path::new("study.toml"), &[]).map_err(|errors| format!("{errors:?}"))?;
+//! let plan = Plan::new(study, || false)?.ok_or("interrupted")?;
+//! let summary = run(&plan, &Settings::new("out"), &mut Silent)?;
+//! println!("{} worlds done", summary.counts.done);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod beds;
 mod digest;

@@ -92,15 +92,20 @@ struct Made {
 }
 
 impl Plan {
-    /// Chooses the worlds and makes each of them once, without keeping it.
+    /// Chooses the worlds and makes each of them once, without keeping it. None if `interrupted` before the last.
     ///
     /// # Errors
     /// A sampler that cannot spread points over so many parameters.
-    pub fn new(study: Study) -> Result<Self, TooManyDimensions> {
+    pub fn new(
+        study: Study,
+        interrupted: impl Fn() -> bool + Sync,
+    ) -> Result<Option<Self>, TooManyDimensions> {
         let worlds = sample::worlds(&study)?;
-        let made: Vec<_> = worlds
-            .into_par_iter()
-            .map(|world| match make(&study, &world) {
+        let look = |world: World| {
+            if interrupted() {
+                return None;
+            }
+            Some(match make(&study, &world) {
                 Ok(made) => {
                     let facts = Facts {
                         scene_hash: made.scene_hash,
@@ -111,7 +116,9 @@ impl Plan {
                 }
                 Err(errors) => (Planned { world, fate: Err(errors) }, Vec::new()),
             })
-            .collect();
+        };
+        let made: Option<Vec<_>> = worlds.into_par_iter().map(look).collect();
+        let Some(made) = made else { return Ok(None) };
         let first = made.iter().find(|(planned, _)| planned.fate.is_ok());
         let first =
             first.and_then(|(planned, _)| make(&study, &planned.world).ok()).map(|made| made.constants);
@@ -124,7 +131,7 @@ impl Plan {
         }
         let warnings = told_once(said, made.len());
         let worlds = made.into_iter().map(|(planned, _)| planned).collect();
-        Ok(Self { study, worlds, measures, warnings, first })
+        Ok(Some(Self { study, worlds, measures, warnings, first }))
     }
 
     /// The first world that can be set up, to choose a device for; none if there is no such world.

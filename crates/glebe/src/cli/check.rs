@@ -158,7 +158,9 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
 }
 
 fn study(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
-    let plan = super::sweep::plan(&args.scene.scene, &args.scene.sets, ui)?;
+    let Some(plan) = super::sweep::plan(&args.scene.scene, &args.scene.sets, ui)? else {
+        return Ok(Ended::Interrupted);
+    };
     let chosen = args.device.choose(plan.first())?;
     let facts: Vec<_> = plan.worlds.iter().filter_map(|w| w.fate.as_ref().ok()).collect();
     let particles: usize = facts.iter().map(|f| f.particles).sum();

@@ -95,8 +95,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     chosen.note.iter().for_each(|line| ui.note(line));
     let out = compute.out.clone().unwrap_or_else(|| args.scene.folder().join("out"));
     if interrupted() {
-        ui.note("interrupted before the first step; nothing was written");
-        return Ok(Ended::Interrupted);
+        return Ok(before_the_start(ui));
     }
     let settings = Settings {
         backend: chosen.backend,
@@ -140,6 +139,11 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
             out.display(),
         ))),
     }
+}
+
+pub(super) fn before_the_start(ui: &Ui) -> Ended {
+    ui.note("interrupted before the first step; nothing was written");
+    Ended::Interrupted
 }
 
 /// The `--set` arguments again: a run can only be resumed with them.

@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::bar::{Watch, catch_interrupts, interrupted};
 use super::check::{duration, folder_of};
-use super::run::{ComputeArgs, repeat};
+use super::run::{ComputeArgs, before_the_start, repeat};
 use super::ui::shell_word;
 use super::{Ended, Problem, Ui};
 use crate::device::memory;
@@ -43,10 +43,11 @@ pub(super) struct Args {
     checkpoint_every: u64,
 }
 
-/// A study whose worlds were looked at, of which at least one can be run.
-pub(super) fn plan(path: &Path, sets: &[String], ui: &Ui) -> Result<Plan, Problem> {
+/// A study whose worlds were looked at, of which at least one can be run; none if interrupted.
+pub(super) fn plan(path: &Path, sets: &[String], ui: &Ui) -> Result<Option<Plan>, Problem> {
     let study = Study::load(path, sets).map_err(Problem::Scene)?;
-    let plan = Plan::new(study).map_err(|e| Problem::Input(e.to_string()))?;
+    let plan = Plan::new(study, interrupted).map_err(|e| Problem::Input(e.to_string()))?;
+    let Some(plan) = plan else { return Ok(None) };
     let refused = plan.refused();
     for (w, planned) in plan.worlds.iter().enumerate() {
         if let Err(errors) = &planned.fate {
@@ -61,7 +62,7 @@ pub(super) fn plan(path: &Path, sets: &[String], ui: &Ui) -> Result<Plan, Proble
         }
     }
     plan.warnings.iter().for_each(|warning| ui.warn(warning));
-    Ok(plan)
+    Ok(Some(plan))
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
@@ -69,13 +70,12 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let ui = &ui.quieted(compute.quiet);
     catch_interrupts().map_err(Problem::Failed)?;
     compute.start_threads()?;
-    let plan = plan(&args.study, &args.sets, ui)?;
+    let Some(plan) = plan(&args.study, &args.sets, ui)? else { return Ok(before_the_start(ui)) };
     let chosen = compute.device.choose(plan.first())?;
     chosen.note.iter().for_each(|line| ui.note(line));
     let out = compute.out.clone().unwrap_or_else(|| folder_of(&args.study).join("out"));
     if interrupted() {
-        ui.note("interrupted before the first step; nothing was written");
-        return Ok(Ended::Interrupted);
+        return Ok(before_the_start(ui));
     }
     let settings = Settings {
         backend: chosen.backend,
