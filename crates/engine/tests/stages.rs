@@ -119,37 +119,6 @@ fn frames_that_nobody_wants_change_no_bit() {
     assert_eq!(hash(true), hash(false));
 }
 
-/// Worlds that share their first stages: one does them, the others take its state and end as if they had.
-#[test]
-fn a_world_that_waits_begins_from_the_state_it_is_given() {
-    let mut w = world();
-    w.gravity = [0.0, 0.0, -9.81];
-    w.particles.push([0.5, 0.5, 0.1], 0.02, 0);
-    w.stages = vec![
-        stage("fall", 0.06),
-        Stage {
-            actions: vec![Action::RemoveBeyond { axis: [0.0, 0.0, 1.0], limit: 0.3 }],
-            ..stage("rest", 0.02)
-        },
-    ];
-    let mut batch = Batch::new(vec![w.clone(), w.clone(), w], Backend::Cpu).map_err(|e| e.1).unwrap();
-    batch.wait(1);
-    batch.wait(2);
-    while batch.progress(0).results.is_empty() {
-        let Ok(()) = batch.advance(&mut Blind);
-    }
-    assert_eq!((batch.status(1), batch.time(1)), (&Status::Waiting, 0.0));
-    let bed = batch.state(0);
-    batch.begin_from(1, Some(bed));
-    batch.begin_from(2, None);
-    while batch.running() {
-        let Ok(()) = batch.advance(&mut Blind);
-    }
-    assert_eq!((batch.particles(1), batch.status(1)), (1, &Status::Done));
-    assert_eq!(batch.state(1).hash(), batch.state(0).hash());
-    assert_eq!(batch.state(2).hash(), batch.state(0).hash());
-}
-
 /// A surface's own motion once began anew at every stage: an oscillating floor jumped.
 #[test]
 fn an_own_motion_goes_on_through_stages() {

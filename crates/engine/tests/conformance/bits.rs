@@ -1,7 +1,8 @@
 //! Equal runs give equal bits.
 
+use glebe_engine::batch::{Batch, Blind, Status};
 use glebe_engine::lattice::{add, norm, sub};
-use glebe_engine::spec::{Domain, Pose, Side, WorldSpec};
+use glebe_engine::spec::{Action, Domain, Pose, Side, Stage, Until, WorldSpec};
 use glebe_engine::state::State;
 use glebe_physics::{ContactModel, IntegratorKind, LawChoice};
 
@@ -68,6 +69,40 @@ pub fn a_world_alone_equals_itself_in_a_batch(on: &Subject) {
         batch.advance(&part);
     }
     assert_eq!(batch.state(1).hash(), alone);
+}
+
+/// Worlds that share their first stages: one does them, another takes its state, a third begins by itself.
+pub fn a_world_that_waits_ends_as_if_it_had_not(on: &Subject) {
+    let (dt, steps) = (4e-6, on.budget.tumbling as f64);
+    let mut w = tumbling(on.budget.tumblers / 3, 4);
+    let stage = |name: &str, share: f64, actions: Vec<Action>| {
+        let until = Until { at_most: Some(share * steps * dt), ..Until::default() };
+        Stage { name: name.to_owned(), until, actions, ..Stage::default() }
+    };
+    // The state that it takes up has fewer particles than it began with.
+    let half = Action::RemoveBeyond { axis: [1.0, 0.0, 0.0], limit: 0.0128 };
+    w.stages = vec![stage("begin", 0.2, vec![half]), stage("go on", 0.3, Vec::new())];
+    w.sampling.series = 0.05 * steps * dt;
+    let mut batch = Batch::new(vec![w.clone(), w.clone(), w], on.backend).map_err(|e| e.1).unwrap();
+    batch.wait(1);
+    batch.wait(2);
+    while batch.progress(0).results.is_empty() {
+        let Ok(()) = batch.advance(&mut Blind);
+    }
+    assert_eq!((batch.status(1), batch.time(1)), (&Status::Waiting, 0.0));
+    let state = batch.state(0);
+    batch.begin_from(1, Some(state));
+    batch.begin_from(2, None);
+    while batch.running() {
+        let Ok(()) = batch.advance(&mut Blind);
+    }
+    assert!(batch.progress(0).results[0].trimmed > 0);
+    for w in [1, 2] {
+        assert_eq!((batch.status(w), batch.particles(w)), (&Status::Done, batch.particles(0)));
+        if on.exact_states || w == 2 {
+            assert_eq!(batch.state(w).hash(), batch.state(0).hash(), "world {w}");
+        }
+    }
 }
 
 /// Every integrator goes on from a state taken between two rebuilds as if nothing had happened.

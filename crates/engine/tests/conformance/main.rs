@@ -71,6 +71,7 @@ macro_rules! backend_suite {
                 energy::surfaces_account_for_momentum_and_work,
                 bits::runs_repeat,
                 bits::a_world_alone_equals_itself_in_a_batch,
+                bits::a_world_that_waits_ends_as_if_it_had_not,
                 bits::a_checkpoint_goes_on,
                 bits::leavers_are_listed,
                 guards::a_world_that_goes_wrong_stops_alone,
