@@ -593,3 +593,33 @@ impl Sweep<'_> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn batches_are_as_few_as_memory_holds_or_as_many_as_asked_for() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../io/tests/scene_common");
+        let text = "scene = \"example.toml\"\n[vary.s]\npath = \"seed\"\nvalues = [1, 2, 3, 4, 5]\n";
+        let study = Study::parse("study.toml", text, &folder, &[]).unwrap();
+        let planned = |world| {
+            let facts = Facts { scene_hash: String::new(), particles: 1000, steps: 1 };
+            Planned { world, fate: Ok(facts) }
+        };
+        let worlds = sample::worlds(&study).unwrap().into_iter().map(planned).collect();
+        let mut plan = Plan { study, worlds, measures: Vec::new(), warnings: Vec::new(), first: None };
+        let all = [0, 1, 2, 3, 4];
+        let of_worlds = |n: f64| Some((2.0 * n * 1000.0 * BYTES) as u64);
+        assert_eq!(plan.batches(&all, None, None), [all]);
+        assert_eq!(plan.batches(&all, None, of_worlds(2.5)), [vec![0, 1], vec![2, 3], vec![4]]);
+        assert_eq!(plan.batches(&all, Some(2), of_worlds(1.0)), [vec![0, 1, 2], vec![3, 4]]);
+        assert_eq!(plan.batches(&[1, 4], Some(9), None), [[1], [4]]);
+        assert_eq!(plan.batches(&[], Some(2), None), Vec::<Vec<usize>>::new());
+        // One that is larger than the memory is tried alone.
+        if let Ok(facts) = &mut plan.worlds[1].fate {
+            facts.particles = 9000;
+        }
+        assert_eq!(plan.batches(&all, None, of_worlds(2.5)), [vec![0], vec![1], vec![2, 3], vec![4]]);
+    }
+}
