@@ -95,6 +95,14 @@ fn anything_that_set_reaches_may_vary() {
 }
 
 #[test]
+fn texts_are_shown_without_their_quotes() {
+    let shown = |text: &str| Value::Text(text.to_owned()).shown();
+    assert_eq!([shown("\"hertz\""), shown("'hertz'")], ["hertz", "hertz"]);
+    assert_eq!(shown("[\"7 mm\", \"9 mm\"]"), "[\"7 mm\", \"9 mm\"]");
+    assert_eq!([Value::Whole(3).shown(), Value::Number(2e6).shown()], ["3", "2000000.0"]);
+}
+
+#[test]
 fn set_changes_a_study() {
     let study = good(STUDY, &["vary.density.count=8", "title=Finer"]);
     assert_eq!(study.title, "Finer");

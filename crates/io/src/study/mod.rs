@@ -159,6 +159,13 @@ impl Value {
         }
     }
 
+    /// As it is shown in tables: a plain text without its quotes.
+    pub fn shown(&self) -> String {
+        let text = self.to_string();
+        let inside = |quote: char| text.strip_prefix(quote)?.strip_suffix(quote);
+        inside('"').or_else(|| inside('\'')).unwrap_or(&text).to_owned()
+    }
+
     /// A number, rounded if it is to be whole; below 0 there are no whole numbers in scenes.
     pub fn rounded(x: f64, whole: bool) -> Self {
         if whole { Self::Whole(x.round().max(0.0) as u64) } else { Self::Number(x) }

@@ -203,7 +203,7 @@ impl Sweep<'_> {
             cells.extend(self.plan.worlds[row.world].world.values.iter().map(|value| match value {
                 Value::Number(x) => Cell::Number(*x),
                 Value::Whole(n) => Cell::Count(*n),
-                Value::Text(text) => Cell::Text(text.clone()),
+                Value::Text(_) => Cell::Text(value.shown()),
             }));
             for measure in measures {
                 let m = row.measured(measure);
