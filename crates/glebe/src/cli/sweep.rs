@@ -137,7 +137,7 @@ fn told(s: &Summary, out: &Path) -> String {
         for fitted in &measured.fits {
             let _ = write!(text, "{} over {}", measured.measure.full_name(), fitted.parameter);
             if let Some(f) = fitted.linear {
-                let _ = write!(text, ": {:.4e} + {:.4e} x (R² {:.4})", f.a, f.b, f.r2);
+                let _ = write!(text, ": {:.4e} {:+.4e} x (R² {:.4})", f.a, f.b, f.r2);
             }
             if let Some(f) = fitted.power {
                 let _ = write!(text, "; {:.4e} x^{:.3} (R² {:.4})", f.a, f.b, f.r2);
