@@ -85,7 +85,7 @@ pub fn one_step_forces_equal_the_reference(on: &Subject) {
 /// pairs and apart.
 pub fn crowds_step_as_on_the_cpu(on: &Subject) {
     let contact = ContactModel { rolling: LawChoice::named("constant-torque"), ..ContactModel::default() };
-    for copies in [3, 43, 330] {
+    for copies in [3, 43, 165] {
         let mut run = Run::new(on, world(contact.clone(), copies));
         run.steps(3);
         let mut other = Run::resume(&CPU, run.c.clone(), run.state());
