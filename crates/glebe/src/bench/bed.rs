@@ -203,14 +203,16 @@ impl Bed {
         let places = self.places(&radii)?;
         let world = self.world(&radii, |i| places[i], 1, false);
         let (constants, state) = prepare(world)?;
-        admit(backend, [&*constants])?;
+        admit(backend, std::slice::from_ref(&constants))?;
         let mut batch = Batch::from_states(vec![(constants, state)], backend);
         while batch.running() && batch.progress(0).stage == 0 {
             let Ok(()) = batch.advance(&mut Blind);
         }
         match batch.status(0) {
             Status::Failed(_) => Err(BenchError::Stopped { bed: *self, status: batch.status(0).clone() }),
-            _ => Ok(batch.state(0)),
+            _ => batch
+                .sound_state(0)
+                .map_err(|failure| BenchError::Stopped { bed: *self, status: Status::Failed(failure) }),
         }
     }
 

@@ -163,7 +163,7 @@ pub fn run(args: &BenchArgs, ui: &Ui) -> Result<(), BenchError> {
     let threads = args.threads.map_or(0, usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let (value, table) = pool.install(|| {
-        let chosen = args.device.choose([])?;
+        let chosen = args.device.open(0)?.admit(&[])?;
         chosen.note.iter().for_each(|line| ui.note(line));
         let (rows, device) = (measure(args, chosen.backend, ui)?, chosen.backend.device());
         Ok::<_, BenchError>((report::json(&rows, args, &device)?, report::table(&rows, args, &device)))

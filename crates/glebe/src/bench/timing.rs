@@ -104,7 +104,7 @@ impl Row {
     /// Times the bed once more, from the same state as ever.
     pub fn time(&mut self, prepared: &Prepared, ledger: bool, backend: Backend) -> Result<(), BenchError> {
         let constants = self.bed.constants(self.steps, ledger)?;
-        admit(backend, [&*constants])?;
+        admit(backend, std::slice::from_ref(&constants))?;
         let mut batch = Batch::from_states(vec![(constants, prepared.state.clone())], backend);
         through(&mut batch, WARM);
         let (rebuilds, phases) = (batch.progress(0).rebuilds, batch.times(0).rows());

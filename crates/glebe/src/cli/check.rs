@@ -45,9 +45,13 @@ pub(super) struct SceneArgs {
 }
 
 impl SceneArgs {
-    /// Reads and builds the scene, and says what was found.
-    pub(super) fn build(&self, ui: &Ui) -> Result<(Scene, BuiltScene), Problem> {
-        let scene = Scene::load(&self.scene, &self.sets).map_err(Problem::Scene)?;
+    /// Reads the scene.
+    pub(super) fn load(&self) -> Result<Scene, Problem> {
+        Scene::load(&self.scene, &self.sets).map_err(Problem::Scene)
+    }
+
+    /// Builds the scene, and says what was found.
+    pub(super) fn build(&self, scene: &Scene, ui: &Ui) -> Result<BuiltScene, Problem> {
         let built = scene.build(self.folder()).map_err(Problem::Scene)?;
         ui.scene(&built.warnings);
         for mesh in &built.meshes {
@@ -57,7 +61,7 @@ impl SceneArgs {
             ui.note(&format!("geometry `{}`: {report}; {placed}", mesh.name));
         }
         built.notes.iter().for_each(|line| ui.note(line));
-        Ok((scene, built))
+        Ok(built)
     }
 
     /// The folder that the scene's files are relative to.
@@ -75,9 +79,12 @@ pub(super) fn prepared(built: &BuiltScene) -> Result<(Arc<Constants>, State), Pr
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
-    let (_, built) = args.scene.build(ui)?;
+    let scene = args.scene.load()?;
+    let device = args.device.open(scene.generated())?;
+    let built = args.scene.build(&scene, ui)?;
     let (constants, _) = prepared(&built)?;
-    let chosen = args.device.choose([&*constants])?;
+    let chosen = device.admit(std::slice::from_ref(&constants))?;
+    chosen.note.iter().for_each(|line| ui.note(line));
     constants.warnings.iter().for_each(|w| ui.warn(w));
     let particles = constants.count;
     let triangles: usize = built.meshes.iter().map(|m| m.report.triangles).sum();
@@ -93,7 +100,9 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let steps = time.map(|t| (t / constants.dt).ceil());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let seconds = steps.map(|s| s * particles as f64 / (RATE * cores as f64));
-    let bytes = BYTES * particles as f64;
+    let memory = chosen.backend.memory(std::slice::from_ref(&constants));
+    let bytes = memory.map_or(BYTES * particles as f64, |m| m.needed as f64);
+    let of_device = memory.and_then(|m| m.device);
     let limits = constants.limits;
     let warnings: Vec<serde_json::Value> = built
         .warnings
@@ -113,6 +122,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         "most_time_s": time,
         "most_steps": steps,
         "memory_bytes": bytes,
+        "device_memory_bytes": of_device,
         "device": chosen.backend.device(),
         "devices": [{ "name": "cpu", "threads": cores, "most_wall_s": seconds }],
         "warnings": warnings,
@@ -125,7 +135,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
          stages     {}\n\
          step       {:.3e} s ({:.0} % of the Rayleigh time, 1/{:.0} of the shortest impact)\n\
          length     {}\n\
-         memory     about {:.0} MB\n\
+         memory     {}\n\
          run time   {} on the CPU with {cores} threads\n\
          device     {}",
         args.scene.scene.display(),
@@ -138,12 +148,19 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
             (Some(t), Some(n)) => format!("at most {t} s, {n:.2e} steps"),
             _ => unknown.to_owned(),
         },
-        (bytes / 1e6).max(1.0),
+        needed(bytes, memory.is_some(), of_device),
         seconds.map_or(unknown.to_owned(), |s| format!("at most about {}", duration(s))),
         chosen.backend.device(),
     );
     ui.result(&value, &text);
     Ok(Ended::Done)
+}
+
+/// How much memory it takes, and of how much. What a device will need at first is known; dense beds make it grow.
+fn needed(bytes: f64, known: bool, of_device: Option<u64>) -> String {
+    let least = if known { "at least" } else { "about" };
+    let of = of_device.map_or_else(String::new, |all| format!(" of the device's {:.0} MB", all as f64 / 1e6));
+    format!("{least} {:.0} MB{of}", (bytes / 1e6).max(1.0))
 }
 
 fn finite(x: f64) -> Option<f64> {

@@ -17,6 +17,7 @@ use glebe_engine::state::{MeasureState, State, SurfaceState};
 use glebe_io::checkpoint::{self, CheckpointError, Header};
 
 use super::digest::Digest;
+use crate::device::bits_of;
 
 /// The cache is kept below this size, the oldest beds going first \[bytes\].
 const SIZE_MAX: u64 = 2 << 30;
@@ -60,13 +61,11 @@ impl Bed {
             .map(|(i, s)| s.absent && s.motion.is_fixed() && !measured.contains(&i))
             .collect();
         let program = fs::read(env::current_exe().ok()?).ok()?;
-        // Any number of threads gives the same bits.
-        let device = if backend == Backend::Cpu { backend.name().to_owned() } else { backend.device() };
         let particles = State { particles: fresh.particles.clone(), ..State::default() };
         let key = Digest::default()
             .debug(&env!("CARGO_PKG_VERSION"))
             .bytes(&program)
-            .debug(&device)
+            .debug(&bits_of(backend))
             .debug(&leading(spec, stages, &dormant))
             .debug(&constants.dt)
             .debug(&particles.hash())

@@ -24,7 +24,7 @@ pub use beds::default_folder as default_bed_folder;
 use self::beds::Bed;
 use self::plots::Furrows;
 use self::recorder::Recorder;
-use crate::device::admit;
+use crate::device::{admit, bits_of};
 
 /// How a run is to be done.
 #[derive(Clone, Debug)]
@@ -156,7 +156,7 @@ impl RunError {
 /// A world that cannot be set up or that the backend cannot run, a folder that cannot be used, a checkpoint of another scene, a full disk.
 pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -> Result<Summary, RunError> {
     let (constants, fresh) = prepare(world)?;
-    admit(settings.backend, [&*constants])?;
+    admit(settings.backend, std::slice::from_ref(&constants))?;
     let scene_hash = digest::scene_hash(&constants, &fresh);
     for warning in &constants.warnings {
         listener.warn(warning);
@@ -180,6 +180,15 @@ pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -
                 "the checkpoint was written by glebe {}; this is {}: results may differ in the last digits",
                 found.header.glebe_version,
                 env!("CARGO_PKG_VERSION")
+            );
+            listener.warn(&line);
+            warnings.push(line);
+        }
+        let (then, now) = (&found.header.device, bits_of(settings.backend));
+        if !then.is_empty() && *then != now {
+            let line = format!(
+                "the checkpoint was written on {then} and is continued on {now}: the results agree as averages do, \
+                 the bits differ"
             );
             listener.warn(&line);
             warnings.push(line);
@@ -313,11 +322,10 @@ impl Run {
 
     fn checkpoint(&mut self) -> Result<(), RunError> {
         let start = Instant::now();
-        let state = self.batch.state(0);
-        if self.batch.fault(0).is_some() {
+        let Ok(state) = self.batch.sound_state(0) else {
             // The last good one is worth more; the next step tells of the fault.
             return Ok(());
-        }
+        };
         let (rows, frames) = self.recorder.counts()?;
         let header = Header {
             glebe_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -326,6 +334,7 @@ impl Run {
             time: self.batch.time(0),
             rows,
             frames,
+            device: bits_of(self.batch.backend()),
         };
         self.checkpoints.write(&header, &state.to_bytes())?;
         self.recorder.time += start.elapsed();
@@ -338,7 +347,9 @@ impl Run {
         let stage = self.batch.progress(0).stage;
         if let Some(bed) = self.bed.take_if(|bed| bed.stages <= stage)
             && bed.stages == stage
-            && let Err(error) = bed.store(self.batch.state(0))
+            // If the backend failed, the next step tells of it.
+            && let Ok(state) = self.batch.sound_state(0)
+            && let Err(error) = bed.store(state)
         {
             let line = format!("the settled bed was not kept for later runs: {error}");
             listener.warn(&line);
@@ -348,10 +359,13 @@ impl Run {
 
     fn summary(&self, warnings: Vec<String>, notes: Vec<String>) -> Summary {
         let (c, g) = (&self.constants, self.batch.progress(0));
-        let (status, reason) = match self.batch.status(0) {
-            Status::Done => (summary::Status::Done, None),
-            Status::Failed(failure) => (summary::Status::Failed, Some(failure.to_string())),
-            Status::Running => (summary::Status::Interrupted, Some("stopped by the user".to_owned())),
+        let state = self.batch.sound_state(0);
+        let (status, reason) = match (self.batch.status(0), &state) {
+            (Status::Failed(failure), _) | (_, Err(failure)) => {
+                (summary::Status::Failed, Some(failure.to_string()))
+            }
+            (Status::Done, _) => (summary::Status::Done, None),
+            (Status::Running, _) => (summary::Status::Interrupted, Some("stopped by the user".to_owned())),
         };
         let wall_s = self.started.elapsed().as_secs_f64();
         let mut phases: std::collections::BTreeMap<String, f64> =
@@ -368,7 +382,7 @@ impl Run {
                 seed: c.spec.seed,
             },
             device: self.batch.backend().device(),
-            state_hash: self.batch.state(0).hash(),
+            state_hash: state.map_or_else(|_| String::new(), |state| state.hash()),
             particles: summary::Particles {
                 count: self.batch.particles(0) as u64,
                 lost: g.lost.iter().map(lost).collect(),

@@ -75,7 +75,7 @@ struct Together {
 
 fn side_by_side(world: WorldSpec, backend: Backend, file: &Path) -> Result<Together, CaseError> {
     let (constants, fresh) = prepare(world)?;
-    admit(backend, [&*constants])?;
+    admit(backend, std::slice::from_ref(&constants))?;
     let take_up = |state: State| Batch::from_states(vec![(constants.clone(), state)], backend);
     let mut stored = fresh.clone();
     let mut whole = take_up(fresh);

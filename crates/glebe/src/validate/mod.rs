@@ -120,7 +120,7 @@ pub fn run(args: &ValidateArgs, ui: &Ui) -> Result<bool, ValidateError> {
     let cases = select(&args.names)?;
     let threads = args.threads.map_or(0, usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-    let chosen = pool.install(|| args.device.choose([]))?;
+    let chosen = pool.install(|| args.device.open(0)?.admit(&[]))?;
     chosen.note.iter().for_each(|line| ui.note(line));
     let device = pool.install(|| chosen.backend.device());
     output::claim(&args.out, &cases)?;

@@ -70,7 +70,8 @@ pub struct Finished {
 pub fn run_to_end(worlds: Vec<WorldSpec>, backend: Backend) -> Result<Finished, CaseError> {
     let mut record = Record { series: vec![Vec::new(); worlds.len()] };
     let worlds = worlds.into_iter().map(prepare).collect::<Result<Vec<_>, _>>()?;
-    admit(backend, worlds.iter().map(|(constants, _)| &**constants))?;
+    let constants: Vec<_> = worlds.iter().map(|(constants, _)| constants.clone()).collect();
+    admit(backend, &constants)?;
     let mut batch = Batch::from_states(worlds, backend);
     while batch.running() {
         let Ok(()) = batch.advance(&mut record);
