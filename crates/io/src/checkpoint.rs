@@ -37,6 +37,9 @@ pub struct Header {
     pub rows: u64,
     /// Frames that `frames.pvd` had then.
     pub frames: u64,
+    /// Device whose bits it continues to; empty where that was not written down.
+    #[serde(default)]
+    pub device: String,
 }
 
 /// A state that was read back.

@@ -65,13 +65,11 @@ impl Bed {
         let moved = spec.stages.get(stages).map_or(&[][..], |s| &s.moves);
         let moved: Vec<usize> =
             moved.iter().map(|(s, _)| *s).filter(|s| !dormant[*s]).map(|s| awake(&dormant, s)).collect();
-        // Any number of threads gives the same bits.
-        let device = if backend == Backend::Cpu { backend.name().to_owned() } else { backend.device() };
         let particles = State { particles: fresh.particles.clone(), ..State::default() };
         let key = Digest::default()
             .debug(&env!("CARGO_PKG_VERSION"))
             .debug(&program()?)
-            .debug(&device)
+            .debug(&backend.maker())
             .debug(&leading(spec, stages, &dormant))
             .debug(&moved)
             .debug(&constants.dt)

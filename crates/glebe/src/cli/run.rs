@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use glebe_io::output::OutputDir;
 use glebe_io::output::summary::{Status, Summary};
 use glebe_io::scene::SceneError;
 use serde_json::json;
@@ -81,6 +82,11 @@ impl ComputeArgs {
             _ => Existing::Refuse,
         }
     }
+
+    /// The `--device` argument again, if there was one.
+    pub(super) fn repeat_device(&self) -> String {
+        if self.device == Device::Auto { String::new() } else { format!(" --device {}", self.device) }
+    }
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
@@ -88,10 +94,13 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let ui = &ui.quieted(compute.quiet);
     catch_interrupts().map_err(Problem::Failed)?;
     compute.start_threads()?;
-    let (scene, built) = args.scene.build(ui)?;
+    let scene = args.scene.load()?;
+    // Before particles are placed, which can take minutes.
+    let device = compute.device.open(scene.generated())?;
+    let built = args.scene.build(&scene, ui)?;
     // Its errors point into the scene, which those of the run itself cannot.
     let (constants, _) = prepared(&built)?;
-    let chosen = compute.device.choose([&*constants])?;
+    let chosen = device.admit(&[constants])?;
     chosen.note.iter().for_each(|line| ui.note(line));
     let out = compute.out.clone().unwrap_or_else(|| args.scene.folder().join("out"));
     if interrupted() {
@@ -114,9 +123,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         ui.note(profile(&summary).trim_end());
     }
     let resume = format!(
-        "glebe run {} --out {} --resume{}",
+        "glebe run {} --out {} --resume{}{}",
         shell_word(&args.scene.scene.display().to_string()),
         shell_word(&out.display().to_string()),
+        compute.repeat_device(),
         repeat(&args.scene.sets)
     );
     match summary.status {
@@ -134,9 +144,15 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
             Ok(Ended::Interrupted)
         }
         _ => Err(Problem::Failed(format!(
-            "{}\nThe series, frames and checkpoints up to here are in {}",
+            "{}\nThe series, frames and checkpoints up to here are in {}{}",
             summary.reason.as_deref().unwrap_or("the run failed"),
             out.display(),
+            // A guard stops a run at the same step again; a device may be well again.
+            match (summary.state_hash.is_empty(), OutputDir::open_existing(&out)) {
+                (false, _) => String::new(),
+                (true, Ok(_)) => format!(", complete up to the last checkpoint. To go on from it: {resume}"),
+                (true, Err(_)) => "; there is no checkpoint yet: start again with --force".to_owned(),
+            },
         ))),
     }
 }

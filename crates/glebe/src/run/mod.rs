@@ -105,7 +105,7 @@ impl RunError {
 /// A world that cannot be set up or that the backend cannot run, a folder that cannot be used, a checkpoint of another scene, a full disk.
 pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -> Result<Summary, RunError> {
     let (constants, fresh) = prepare(world)?;
-    admit(settings.backend, [&*constants])?;
+    admit(settings.backend, std::slice::from_ref(&constants))?;
     let scene_hash = scene_hash(&constants, &fresh);
     for warning in &constants.warnings {
         listener.warn(warning);
@@ -129,6 +129,15 @@ pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -
                 "the checkpoint was written by glebe {}; this is {}: results may differ in the last digits",
                 found.header.glebe_version,
                 env!("CARGO_PKG_VERSION")
+            );
+            listener.warn(&line);
+            warnings.push(line);
+        }
+        let (then, now) = (&found.header.device, settings.backend.maker());
+        if !then.is_empty() && *then != now {
+            let line = format!(
+                "the checkpoint was written on {then} and is continued on {now}: the results agree as averages do, \
+                 the bits differ"
             );
             listener.warn(&line);
             warnings.push(line);
@@ -239,11 +248,10 @@ impl Run {
     fn checkpoint(&mut self) -> Result<(), RunError> {
         let start = Instant::now();
         let batch = self.drive.batch();
-        let state = batch.state(0);
-        if batch.fault(0).is_some() {
+        let Ok(state) = batch.sound_state(0) else {
             // The last good one is worth more; the next step tells of the fault.
             return Ok(());
-        }
+        };
         let (rows, frames) = self.recorder.counts()?;
         let header = Header {
             glebe_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -252,6 +260,7 @@ impl Run {
             time: batch.time(0),
             rows,
             frames,
+            device: batch.backend().maker(),
         };
         self.checkpoints.write(&header, &state.to_bytes())?;
         self.recorder.time += start.elapsed();
@@ -276,7 +285,7 @@ impl Run {
                 seed: c.spec.seed,
             },
             device: batch.backend().device(),
-            state_hash,
+            state_hash: state_hash.unwrap_or_default(),
             particles,
             stages,
             performance: summary::Performance {

@@ -77,6 +77,15 @@ impl BuiltScene {
 }
 
 impl Scene {
+    /// How many particles are to be generated; those of files are not known before they are read.
+    pub fn generated(&self) -> usize {
+        let count = |part: &ParticlePart| match part.origin {
+            Origin::Generated { count, .. } => count,
+            Origin::File(_) => 0,
+        };
+        self.particles.iter().map(count).sum()
+    }
+
     /// Reads the meshes and particle files (relative to `base_dir`, the scene's folder) and makes a world.
     ///
     /// # Errors
