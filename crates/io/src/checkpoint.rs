@@ -27,6 +27,9 @@ const LEVEL: i32 = 1;
 pub struct Header {
     /// Version of the glebe that wrote it.
     pub glebe_version: String,
+    /// What computed it: a resumed run gives the same bits on the same device only. Empty if not known.
+    #[serde(default)]
+    pub device: String,
     /// Hash of the scene that the state belongs to.
     pub scene_hash: String,
     /// Steps done.
@@ -126,13 +129,6 @@ pub enum CheckpointError {
         /// One line for each file.
         reasons: Vec<String>,
     },
-}
-
-impl CheckpointError {
-    /// Whether an older file may still be good.
-    fn concerns_this_file_only(&self) -> bool {
-        matches!(self, Self::Foreign { .. } | Self::CutShort { .. } | Self::Damaged { .. } | Self::Output(_))
-    }
 }
 
 /// The checkpoints of one run: `000000.glebe`, `000001.glebe`, … in a folder, of which the last two
@@ -245,11 +241,11 @@ pub fn read(path: &Path) -> Result<Checkpoint, CheckpointError> {
     Ok(Checkpoint { path, header, state, skipped: Vec::new() })
 }
 
-/// The newest good checkpoint in `dir`. If a newer one is damaged, [`Checkpoint::skipped`] says so.
+/// The newest good checkpoint in `dir`. If a newer one cannot be used, [`Checkpoint::skipped`] says why.
 ///
 /// # Errors
 /// [`CheckpointError::OtherScene`] unless its scene hash is `scene_hash`; [`CheckpointError::None`],
-/// [`CheckpointError::NoneValid`], [`CheckpointError::Newer`], [`CheckpointError::Output`].
+/// [`CheckpointError::NoneValid`], [`CheckpointError::Output`].
 pub fn latest_valid(dir: &Path, scene_hash: &str) -> Result<Checkpoint, CheckpointError> {
     if !dir.is_dir() {
         return Err(CheckpointError::None { dir: dir.to_owned() });
@@ -262,8 +258,7 @@ pub fn latest_valid(dir: &Path, scene_hash: &str) -> Result<Checkpoint, Checkpoi
                 return Err(CheckpointError::OtherScene { path, found, expected });
             }
             Ok(found) => return Ok(Checkpoint { skipped, ..found }),
-            Err(e) if e.concerns_this_file_only() => skipped.push(e.to_string()),
-            Err(e) => return Err(e),
+            Err(e) => skipped.push(e.to_string()),
         }
     }
     let dir = dir.to_owned();

@@ -182,6 +182,16 @@ impl Backend {
         }
     }
 
+    /// What the bits of a run belong to: the name of the backend on the host, where any number of threads
+    /// gives the same; elsewhere the device.
+    pub fn maker(self) -> String {
+        match self {
+            Self::Cpu | Self::Reference => self.name().to_owned(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) => self.device(),
+        }
+    }
+
     /// Why a world cannot be run on the backend.
     #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "the host runs any world"))]
     pub fn refusal(self, constants: &Constants) -> Option<String> {

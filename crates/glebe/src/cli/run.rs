@@ -45,9 +45,9 @@ pub(super) struct Args {
     /// Neither takes nor keeps settled beds
     #[arg(long)]
     no_cache: bool,
-    /// Wall time between checkpoints [s]
-    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
-    checkpoint_every: u64,
+    /// Wall time between checkpoints [s] [default: `checkpoint_wall` of the scene]
+    #[arg(long, value_name = "SECONDS")]
+    checkpoint_every: Option<u32>,
     /// Prints the share of time per phase
     #[arg(long)]
     profile: bool,
@@ -83,7 +83,9 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
             _ => Existing::Refuse,
         },
         beds: default_bed_folder().filter(|_| !args.no_cache),
-        checkpoint_every: Duration::from_secs(args.checkpoint_every),
+        checkpoint_every: Duration::from_secs_f64(
+            args.checkpoint_every.map_or(scene.checkpoint_wall, f64::from),
+        ),
         checkpoint_time: scene.checkpoint,
         warnings: built.warnings.iter().map(one_line).collect(),
         ..Settings::new(&out)

@@ -60,13 +60,11 @@ impl Bed {
             .map(|(i, s)| s.absent && s.motion.is_fixed() && !measured.contains(&i))
             .collect();
         let program = fs::read(env::current_exe().ok()?).ok()?;
-        // Any number of threads gives the same bits.
-        let device = if backend == Backend::Cpu { backend.name().to_owned() } else { backend.device() };
         let particles = State { particles: fresh.particles.clone(), ..State::default() };
         let key = Digest::default()
             .debug(&env!("CARGO_PKG_VERSION"))
             .bytes(&program)
-            .debug(&device)
+            .debug(&backend.maker())
             .debug(&leading(spec, stages, &dormant))
             .debug(&constants.dt)
             .debug(&particles.hash())

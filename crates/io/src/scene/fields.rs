@@ -507,8 +507,16 @@ static OUTPUT: TableSpec = TableSpec {
         Field::new("energy_ledger", Kind::Bool, "Whether dissipated energy is accounted each step.")
             .or("true"),
         Field::new("checkpoint", TIME, "Simulated time between checkpoints [s].")
-            .optional("at stage ends and when interrupted")
+            .optional("no such; see `checkpoint_wall`")
             .above(0.0),
+        Field::new(
+            "checkpoint_wall",
+            TIME,
+            "Wall time between checkpoints [s]; they are also written at the beginning, at stage ends and when interrupted.",
+        )
+        .or("\"1 min\"")
+        .at_least(0.0)
+        .at_most(1e9),
     ],
     rules: &[],
 };

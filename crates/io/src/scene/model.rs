@@ -55,6 +55,8 @@ pub struct Scene {
     pub sampling: Sampling,
     /// Simulated time between checkpoints \[s\]; absent for stage ends only.
     pub checkpoint: Option<f64>,
+    /// Wall time between checkpoints \[s\].
+    pub checkpoint_wall: f64,
     /// What looks wrong but does not stop a run.
     pub warnings: Vec<SceneError>,
     /// What was added without being asked for, for the log.
@@ -297,6 +299,7 @@ pub(crate) fn scene(file: &Record, checker: &mut Checker) -> Scene {
             energy_ledger: output.flag("energy_ledger"),
         },
         checkpoint: output.number_if("checkpoint"),
+        checkpoint_wall: output.number("checkpoint_wall"),
         warnings: Vec::new(),
         notes: Vec::new(),
         places: ScenePlaces {
