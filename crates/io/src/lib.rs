@@ -7,3 +7,4 @@ pub mod particles;
 pub mod scene;
 pub mod tool;
 pub mod units;
+mod vtk;

@@ -264,7 +264,7 @@ impl Build<'_> {
             let message = format!("geometry `{}` is {longest:.1} m long", part.name.value);
             let warning = SceneError::new("unit", &part.shape.place, message)
                 .label("this file")
-                .help("if it was drawn in millimetres, set scale = 0.001");
+                .help("if it was drawn in millimetres, set unit = \"mm\"");
             self.found.push(warning.warning());
         }
     }

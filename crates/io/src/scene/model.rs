@@ -12,6 +12,7 @@ use super::check::{Checked, Checker, Record};
 use super::error::{Located, Place, SceneError};
 use super::fields::{ENDS, HISTORIES, INTEGRATORS, MIXING_RULES, SHAPES, SHEAR_MODULI, SIDES};
 use crate::tool::Sweep;
+use crate::units::{self, Dimension};
 
 /// A scene file that passed every check that needs no other file. Numbers are in SI units.
 ///
@@ -111,7 +112,7 @@ pub struct ParticlePart {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum Origin {
-    /// A CSV file, relative to the scene.
+    /// A CSV, VTU or VTP file, relative to the scene.
     File(Located<PathBuf>),
     /// Generated.
     Generated {
@@ -141,7 +142,7 @@ pub struct GeometryPart {
     pub material: String,
     /// Its shape.
     pub shape: Located<GeometryShape>,
-    /// Factors on coordinates \[-\], > 0.
+    /// Factors on coordinates \[-\], or \[m per unit of the file\], > 0.
     pub scale: Vec3,
     /// Turns after scaling: unit axis through the origin, angle \[rad\].
     pub rotate: Vec<(Vec3, f64)>,
@@ -506,6 +507,11 @@ fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> G
         Some(Checked::Vector(factors)) => *factors,
         _ => [record.number("scale"); 3],
     };
+    // One of a list of lengths.
+    let unit = record
+        .located_if("unit")
+        .and_then(|unit| units::parse(&format!("1 {}", unit.value), Dimension::LENGTH).ok());
+    let unit = unit.unwrap_or(1.0);
     let key = SHAPES.iter().copied().find(|key| record.has(key)).unwrap_or("file");
     let count = |t: &Record| u32::try_from(t.integer("segments")).unwrap_or(u32::MAX);
     let shape = match (key, record.table(key)) {
@@ -541,7 +547,7 @@ fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> G
         name: name.clone(),
         material: record.text("material"),
         shape: Located { value: shape, place: record.place(key).clone() },
-        scale,
+        scale: scale.map(|factor| factor * unit),
         rotate: record.list("rotate").iter().map(|t| (t.vector("axis"), t.number("angle"))).collect(),
         translate,
         motion: motion.map(|m| m.motion).unwrap_or_default(),
