@@ -476,17 +476,13 @@ impl Build<'_> {
 /// a bulge inside its limits a quarter of the bulge's radius.
 fn small_radius(sizes: &SizeDistribution) -> f64 {
     match *sizes {
-        SizeDistribution::Constant(radius) => radius,
         SizeDistribution::Normal { mean: middle, min, max, .. }
         | SizeDistribution::LogNormal { median: middle, min, max, .. }
             if (min..=max).contains(&middle) =>
         {
             min.max(0.25 * middle)
         }
-        SizeDistribution::Uniform { min, .. }
-        | SizeDistribution::Normal { min, .. }
-        | SizeDistribution::LogNormal { min, .. } => min,
-        _ => 0.0,
+        _ => sizes.limits().0,
     }
 }
 

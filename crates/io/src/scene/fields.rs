@@ -215,7 +215,7 @@ static PARTICLES: TableSpec = TableSpec {
 };
 
 static SIZES: TableSpec = TableSpec {
-    doc: "A distribution of radii, by number.",
+    doc: "A distribution of radii: by number, or by mass as a sieve curve.",
     fields: &[
         Field::new("uniform", Kind::Window(Dimension::LENGTH), "Evenly between two radii [m].")
             .optional("another distribution")
@@ -223,8 +223,30 @@ static SIZES: TableSpec = TableSpec {
             .usual(1e-6, 10.0),
         Field::new("normal", Kind::Table(&NORMAL), "Normal.").optional("another distribution"),
         Field::new("log_normal", Kind::Table(&LOG_NORMAL), "Log-normal.").optional("another distribution"),
+        Field::new("sieve", Kind::Table(&SIEVE), "A sieve curve, by mass.").optional("another distribution"),
     ],
-    rules: &[Rule::ExactlyOne(&["uniform", "normal", "log_normal"])],
+    rules: &[Rule::ExactlyOne(&["uniform", "normal", "log_normal", "sieve"])],
+};
+
+static SIEVE: TableSpec = TableSpec {
+    doc: "A sieve curve: the share of the mass that passes each opening, straight lines over the logarithm of the opening between.",
+    fields: &[
+        Field::new(
+            "opening",
+            Kind::Numbers(Dimension::LENGTH),
+            "Openings [m], ascending; a sphere passes whose diameter is smaller.",
+        )
+        .above(0.0)
+        .usual(2e-6, 20.0),
+        Field::new(
+            "passing",
+            Kind::Numbers(Dimension::NONE),
+            "Share of the mass that passes each opening: from 0 at the first to 1 at the last.",
+        )
+        .at_least(0.0)
+        .at_most(1.0),
+    ],
+    rules: &[],
 };
 
 static NORMAL: TableSpec = TableSpec {

@@ -497,9 +497,40 @@ fn sizes(record: &Record, checker: &mut Checker) -> SizeDistribution {
         let (median, sigma) = (t.number("median"), t.number("sigma"));
         let (min, max) = limits(t, median * (-3.0 * sigma).exp(), median * (3.0 * sigma).exp());
         SizeDistribution::LogNormal { median, sigma, min, max }
+    } else if let Some(t) = table.table("sieve") {
+        sieve(t, checker)
     } else {
         SizeDistribution::Constant(f64::NAN)
     }
+}
+
+fn sieve(t: &Record, checker: &mut Checker) -> SizeDistribution {
+    let (opening, passing) = (t.numbers("opening"), t.numbers("passing"));
+    let mut wrong = |key: &str, message: String, help: &str| {
+        checker.error(SceneError::new("order", t.place(key), message).label("this list").help(help));
+    };
+    // Lists whose numbers failed have their own errors.
+    if let (Some(first), Some(last)) = (passing.first(), passing.last())
+        && !opening.is_empty()
+    {
+        if opening.len() != passing.len() {
+            let message = format!("a sieve curve of {} openings and {} shares", opening.len(), passing.len());
+            wrong("passing", message, "give one share for each opening");
+        }
+        if let Some(pair) = opening.windows(2).find(|pair| pair[0] >= pair[1]) {
+            let message = format!("the opening {} m follows {} m", pair[1], pair[0]);
+            wrong("opening", message, "list the openings from the finest to the coarsest");
+        }
+        if let Some(pair) = passing.windows(2).find(|pair| pair[0] > pair[1]) {
+            let message = format!("the share {} follows {}", pair[1], pair[0]);
+            wrong("passing", message, "a coarser sieve lets no less mass pass");
+        }
+        if (*first, *last) != (0.0, 1.0) {
+            let message = format!("the shares go from {first} to {last}");
+            wrong("passing", message, "they go from 0 at the finest opening to 1 at the coarsest");
+        }
+    }
+    SizeDistribution::Sieve(opening.iter().map(|d| 0.5 * d).zip(passing).collect())
 }
 
 fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> GeometryPart {
@@ -705,13 +736,7 @@ fn sizes_fit_domain(file: &Record, scene: &Scene, checker: &mut Checker) {
     let width = (0..3).map(|k| scene.domain.max[k] - scene.domain.min[k]).fold(f64::INFINITY, f64::min);
     for ((_, record), part) in file.named("particles").iter().zip(&scene.particles) {
         let Origin::Generated { sizes, .. } = &part.origin else { continue };
-        let (least, largest) = match *sizes {
-            SizeDistribution::Constant(r) => (r, r),
-            SizeDistribution::Uniform { min, max }
-            | SizeDistribution::Normal { min, max, .. }
-            | SizeDistribution::LogNormal { min, max, .. } => (min, max),
-            _ => continue,
-        };
+        let (least, largest) = sizes.limits();
         let problem = if 2.0 * largest > width {
             "wider than the domain"
         } else if least < 1e-4 * width {
