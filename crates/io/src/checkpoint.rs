@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use crate::input;
 use crate::output::{OutputError, write_atomic};
 
 /// The version of the layout that this program writes.
@@ -199,7 +200,15 @@ pub fn write(path: &Path, header: &Header, state: &[u8]) -> Result<(), Checkpoin
 /// # Errors
 /// [`CheckpointError`], but for scenes: see [`latest_valid`].
 pub fn read(path: &Path) -> Result<Checkpoint, CheckpointError> {
-    let bytes = fs::read(path).map_err(|e| OutputError::io(path, "read this checkpoint", e))?;
+    let bytes = input::read(path).map_err(|e| OutputError::io(path, "read this checkpoint", e))?;
+    parse(path, &bytes)
+}
+
+/// Like [`read`], of the `bytes` of the file called `path`.
+///
+/// # Errors
+/// As [`read`], but for those of the system.
+pub fn parse(path: &Path, bytes: &[u8]) -> Result<Checkpoint, CheckpointError> {
     let path = path.to_owned();
     let found = bytes.len() as u64;
     if !bytes.starts_with(&MAGIC[..bytes.len().min(MAGIC.len())]) {
@@ -210,13 +219,13 @@ pub fn read(path: &Path) -> Result<Checkpoint, CheckpointError> {
     }
     let (content, digest) = bytes.split_at(bytes.len() - DIGEST);
     let intact = Sha256::digest(content).as_slice() == digest;
-    let format = u32_at(&bytes, 8);
+    let format = u32_at(bytes, 8);
     // All formats end with the checksum, so that a flipped bit is not taken for a later version.
     if format > FORMAT && intact {
         return Err(CheckpointError::Newer { path, found: format });
     }
-    let header_end = FIXED as u64 + u64::from(u32_at(&bytes, 12));
-    let expected = header_end.saturating_add(u64_at(&bytes, 16)).saturating_add(DIGEST as u64);
+    let header_end = FIXED as u64 + u64::from(u32_at(bytes, 12));
+    let expected = header_end.saturating_add(u64_at(bytes, 16)).saturating_add(DIGEST as u64);
     if found < expected {
         return Err(CheckpointError::CutShort { path, found, expected });
     }
@@ -229,7 +238,7 @@ pub fn read(path: &Path) -> Result<Checkpoint, CheckpointError> {
     }
     let (header, stored) = content[FIXED..].split_at(header_end as usize - FIXED);
     let header = serde_json::from_slice(header).map_err(|e| damaged(format!("its header: {e}")))?;
-    let length = u64_at(&bytes, 24);
+    let length = u64_at(bytes, 24);
     let mut state = Vec::new();
     zstd::stream::read::Decoder::with_buffer(stored)
         // One byte more shows a state that is too long.

@@ -1,6 +1,7 @@
 //! Scene files, meshes, particle files, writers and checkpoints of the glebe DEM engine.
 
 pub mod checkpoint;
+mod input;
 pub mod mesh;
 pub mod output;
 pub mod particles;

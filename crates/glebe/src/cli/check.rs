@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use glebe_engine::backend::BYTES_PER_PARTICLE;
 use glebe_engine::spec::Until;
 use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
@@ -15,8 +16,6 @@ use crate::device::Device;
 /// Rate that run times are estimated with \[particle-steps/s per core\]: a settled bed with friction and
 /// energy ledger. Machines differ by a factor of two either way.
 const RATE: f64 = 4e6;
-/// Memory of a particle in a dense bed: state, lists, contact history \[bytes\].
-const BYTES: f64 = 700.0;
 
 /// Checks a scene without running it: all errors at once, counts, memory, run time
 #[derive(Debug, clap::Args)]
@@ -93,7 +92,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let steps = time.map(|t| (t / constants.dt).ceil());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let seconds = steps.map(|s| s * particles as f64 / (RATE * cores as f64));
-    let bytes = BYTES * particles as f64;
+    let bytes = BYTES_PER_PARTICLE * particles as f64;
     let limits = constants.limits;
     let warnings: Vec<serde_json::Value> = built
         .warnings

@@ -17,9 +17,11 @@ mod report;
 mod stl;
 mod transform;
 
-use std::{fs, io, path::Path};
+use std::{io, path::Path};
 
 use glebe_engine::spec::{TriMesh, Vec3};
+
+use crate::input;
 
 pub(crate) use assemble::assemble;
 pub use error::{MeshError, Place, TransformError};
@@ -47,7 +49,7 @@ pub(crate) type Corners = [Vec3; 3];
 pub fn read(path: &Path, transform: &Transform) -> Result<(TriMesh, MeshReport), MeshError> {
     // Before the file, which may be large.
     format(path)?;
-    let bytes = fs::read(path).map_err(|source| match source.kind() {
+    let bytes = input::read(path).map_err(|source| match source.kind() {
         io::ErrorKind::NotFound => MeshError::Missing { path: path.into() },
         _ => MeshError::Read { path: path.into(), source },
     })?;

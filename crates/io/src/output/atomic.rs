@@ -85,7 +85,7 @@ fn advice(error: &io::Error) -> &'static str {
             "; your quota is used up: free some space on it, then go on with --resume"
         }
         ErrorKind::FileTooLarge => {
-            "; this disk's format does not allow files of that size: choose another with --out"
+            "; files may not grow that large here: choose another disk with --out, or raise the limit (ulimit -f)"
         }
         ErrorKind::ReadOnlyFilesystem => "; the disk is mounted read-only: choose another place with --out",
         ErrorKind::PermissionDenied => {

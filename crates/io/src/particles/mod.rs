@@ -5,14 +5,14 @@ mod csv;
 
 use std::{
     collections::BTreeMap,
-    fs, io,
+    io,
     path::{Path, PathBuf},
 };
 
 use glebe_engine::spec::{MaterialId, ParticleSet, Vec3};
 use thiserror::Error;
 
-use crate::vtk;
+use crate::{input, vtk};
 
 /// The particles of a file, column by column.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -244,7 +244,7 @@ fn listed(names: &[String]) -> String {
 /// A file that is missing, empty or none of these; a missing or doubled column; a line with another number of
 /// fields; a value that is not a finite number; a radius ≤ 0. The message names the place.
 pub fn read(path: &Path) -> Result<ParticleColumns, ParticleError> {
-    let bytes = fs::read(path).map_err(|source| ParticleError::Read { path: path.into(), source })?;
+    let bytes = input::read(path).map_err(|source| ParticleError::Read { path: path.into(), source })?;
     parse(path, &bytes)
 }
 

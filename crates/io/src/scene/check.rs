@@ -153,6 +153,10 @@ impl Known {
     }
 }
 
+/// Bounds of numbers: the squares of those within have a place in f32.
+const LARGEST: f64 = 1e18;
+const SMALLEST: f64 = 1e-18;
+
 /// Components of a force or torque that can be measured.
 pub(crate) const COMPONENTS: &[&str] = &["fx", "fy", "fz", "tx", "ty", "tz", "draught"];
 
@@ -409,6 +413,14 @@ impl Checker<'_> {
         if !value.is_finite() {
             let message = format!("`{path}` is not a finite number");
             self.error(SceneError::new("range", &node.place, message).label("not finite"));
+            return None;
+        }
+        let positive = field.range.min_excluded && field.range.min == 0.0;
+        if value.abs() > LARGEST || positive && value > 0.0 && value < SMALLEST {
+            let message = format!("`{path}` is {}, which cannot be computed with", node.place.text());
+            self.error(SceneError::new("range", &node.place, message).label("out of range").help(format!(
+                "in SI units numbers go up to {LARGEST:e} and, where they must be above 0, down to {SMALLEST:e}"
+            )));
             return None;
         }
         if !field.range.contains(value) {

@@ -506,6 +506,9 @@ fn sizes(record: &Record, checker: &mut Checker) -> SizeDistribution {
 
 fn sieve(t: &Record, checker: &mut Checker) -> SizeDistribution {
     let (opening, passing) = (t.numbers("opening"), t.numbers("passing"));
+    let descent = |list: &[f64], wrong: fn(f64, f64) -> bool| {
+        list.iter().zip(list.iter().skip(1)).map(|(a, b)| (*a, *b)).find(|(a, b)| wrong(*a, *b))
+    };
     let mut wrong = |key: &str, message: String, help: &str| {
         checker.error(SceneError::new("order", t.place(key), message).label("this list").help(help));
     };
@@ -517,12 +520,12 @@ fn sieve(t: &Record, checker: &mut Checker) -> SizeDistribution {
             let message = format!("a sieve curve of {} openings and {} shares", opening.len(), passing.len());
             wrong("passing", message, "give one share for each opening");
         }
-        if let Some(pair) = opening.windows(2).find(|pair| pair[0] >= pair[1]) {
-            let message = format!("the opening {} m follows {} m", pair[1], pair[0]);
+        if let Some((before, after)) = descent(&opening, |a, b| a >= b) {
+            let message = format!("the opening {after} m follows {before} m");
             wrong("opening", message, "list the openings from the finest to the coarsest");
         }
-        if let Some(pair) = passing.windows(2).find(|pair| pair[0] > pair[1]) {
-            let message = format!("the share {} follows {}", pair[1], pair[0]);
+        if let Some((before, after)) = descent(&passing, |a, b| a > b) {
+            let message = format!("the share {after} follows {before}");
             wrong("passing", message, "a coarser sieve lets no less mass pass");
         }
         if (*first, *last) != (0.0, 1.0) {
