@@ -9,6 +9,7 @@ use std::process::{Child, Command};
 use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime};
 
+use glebe::engine::state::State;
 use glebe::io::checkpoint;
 
 use cli_common::{Ended, Place, SCENE, series};
@@ -93,6 +94,16 @@ fn a_run_that_is_killed_goes_on_from_its_last_checkpoint() {
     );
 }
 
+/// A state whose contacts all remember as much as the first.
+fn even(mut state: State) -> State {
+    let length = state.contacts[0].history.len();
+    let contacts = state.contacts.iter_mut().map(|m| &mut m.history);
+    contacts
+        .chain(state.surface_contacts.iter_mut().map(|m| &mut m.history))
+        .for_each(|h| h.resize(length, 0.0));
+    state
+}
+
 /// Whether a file is being written in one of the run's folders, or was when the run was killed.
 fn half_written(place: &Place, folder: &str) -> bool {
     let partial = |e: fs::DirEntry| e.file_name().to_string_lossy().starts_with(".glebe-partial-");
@@ -175,13 +186,34 @@ fn what_is_wrong_with_a_checkpoint_is_told_and_the_one_before_continued() {
     assert_eq!(place.hash("out"), whole);
     assert!(place.summary("out")["warnings"][0].as_str().unwrap().contains("cut short"));
 
-    // A state that another device computed is continued, and said to be one.
+    // One that is whole and of this scene, but not a state that its world can have.
     let newest =
-        fs::read_dir(place.path("out/checkpoint")).unwrap().map(|e| e.unwrap().path()).max().unwrap();
-    let found = checkpoint::read(&newest).unwrap();
+        || fs::read_dir(place.path("out/checkpoint")).unwrap().map(|e| e.unwrap().path()).max().unwrap();
+    let good = checkpoint::read(&newest()).unwrap();
+    let state = State::from_bytes(&good.state).unwrap();
+    type Spoil = fn(&mut State);
+    let spoils: [(Spoil, &str); 6] = [
+        (|s| s.particles.spin[0].material = 9, "a material"),
+        (|s| s.particles.id[0] = s.particles.id[1], "or there twice"),
+        (|s| s.particles.velocity[3].v[1] = f32::NAN, "a velocity"),
+        (|s| s.surface_contacts[0].surface = 99, "a contact with a surface"),
+        (|s| s.contacts[0].history.push(0.0), "a contact"),
+        (|s| s.progress.surfaces.clear(), "its surfaces"),
+    ];
+    for (spoil, what) in spoils {
+        let mut bad = state.clone();
+        spoil(&mut bad);
+        // Files have histories of one length.
+        checkpoint::write(&newest(), &good.header, &even(bad).to_bytes()).unwrap();
+        place.glebe(&resume).expect(2).says(&["the state is not one of this world: ", what]);
+    }
+    checkpoint::write(&newest(), &good.header, &good.state).unwrap();
+
+    // A state that another device computed is continued, and said to be one.
+    let found = good;
     assert_eq!(found.header.device, "cpu");
     let header = checkpoint::Header { device: "gpu:0 (A card, vulkan)".to_owned(), ..found.header };
-    checkpoint::write(&newest, &header, &found.state).unwrap();
+    checkpoint::write(&newest(), &header, &found.state).unwrap();
     fs::remove_file(place.path("out/summary.json")).unwrap();
     place
         .glebe(&resume)

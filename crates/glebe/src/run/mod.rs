@@ -177,6 +177,7 @@ pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -
             warnings.push(line);
         }
         let state = State::from_bytes(&found.state)
+            .and_then(|state| state.belongs_to(&constants).map(|()| state))
             .map_err(|source| RunError::State { path: found.path.clone(), source })?;
         if state.progress.stage >= constants.spec.stages.len()
             && let Ok(summary) = Summary::read(&dir.summary())
