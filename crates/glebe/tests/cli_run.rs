@@ -117,7 +117,7 @@ fn a_run_that_is_killed_again_and_again_ends_with_the_same_bits() {
     let sets = ["stage.push.duration=0.04", "stage.settle.until.at_most=0.04", "output.frames=1 ms"];
     let sets = sets.map(|set| ["--set", set]).concat();
     let run = |out: &'static str, more: &[&'static str]| {
-        [&["run", "scene.toml", "--no-cache", "--out", out], &sets[..], more].concat()
+        [&["run", "scene.toml", "--no-cache", "--device", "cpu", "--out", out], &sets[..], more].concat()
     };
     place.glebe(&run("whole", &[])).expect(0);
 

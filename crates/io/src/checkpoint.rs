@@ -239,6 +239,13 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<Checkpoint, CheckpointError> {
     let (header, stored) = content[FIXED..].split_at(header_end as usize - FIXED);
     let header = serde_json::from_slice(header).map_err(|e| damaged(format!("its header: {e}")))?;
     let length = u64_at(bytes, 24);
+    // What is packed well may be small here and too large there.
+    if let Some(free) = input::free_memory().filter(|free| length > *free) {
+        let (length, free) = (input::size(length), input::size(free));
+        return Err(damaged(format!(
+            "its state is said to take {length}, but only {free} of memory are free"
+        )));
+    }
     let mut state = Vec::new();
     zstd::stream::read::Decoder::with_buffer(stored)
         // One byte more shows a state that is too long.

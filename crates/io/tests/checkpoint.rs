@@ -100,10 +100,15 @@ fn every_missing_end_is_noticed() {
 
 /// Makes a good file one of a later format.
 fn make_newer(path: &Path) {
+    change(path, 8, &99_u32.to_le_bytes());
+}
+
+/// Writes bytes into a file and signs it anew.
+fn change(path: &Path, at: usize, new: &[u8]) {
     use sha2::Digest;
 
     let mut bytes = fs::read(path).unwrap();
-    bytes[8..12].copy_from_slice(&99_u32.to_le_bytes());
+    bytes[at..at + new.len()].copy_from_slice(new);
     let end = bytes.len() - 32;
     let digest = sha2::Sha256::digest(&bytes[..end]);
     bytes[end..].copy_from_slice(&digest);
@@ -122,6 +127,18 @@ fn foreign_and_newer_files_are_told_apart() {
     let error = checkpoint::read(&path).unwrap_err();
     assert!(matches!(error, CheckpointError::Newer { found: 99, .. }), "{error}");
     assert!(error.to_string().contains("continue with the newer glebe"), "{error}");
+}
+
+#[test]
+fn a_state_said_to_be_larger_than_memory_is_not_unpacked() {
+    let path = folder("bomb").join("000000.glebe");
+    checkpoint::write(&path, &header(5), &state(3, 300)).unwrap();
+    change(&path, 24, &(1_u64 << 50).to_le_bytes());
+    let error = checkpoint::read(&path).unwrap_err();
+    assert!(matches!(error, CheckpointError::Damaged { .. }), "{error}");
+    change(&path, 24, &299_u64.to_le_bytes());
+    let error = checkpoint::read(&path).unwrap_err().to_string();
+    assert!(error.contains("its state is not 299 bytes long"), "{error}");
 }
 
 #[test]
