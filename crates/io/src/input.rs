@@ -31,16 +31,17 @@ pub(crate) fn read_text(path: &Path, most: u64) -> io::Result<String> {
 /// Memory that the program may still take \[bytes\]: what the system can spare, and no more than its container
 /// is allowed. None where that is not known.
 pub(crate) fn free_memory() -> Option<u64> {
-    let number = |path: &str| fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
-    let spare = || {
-        let text = fs::read_to_string("/proc/meminfo").ok()?;
-        let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-        Some(1024 * line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?)
+    let row = |path: &str, name: &str| {
+        let text = fs::read_to_string(path).ok()?;
+        let value = text.lines().find_map(|line| line.strip_prefix(name))?;
+        value.trim().trim_end_matches("kB").trim().parse::<u64>().ok()
     };
-    // The second version of control groups; `memory.max` is a word where there is no limit.
+    let spare = || Some(1024 * row("/proc/meminfo", "MemAvailable:")?);
+    // The second version of control groups; `memory.max` is a word where there is no limit. Files that the system
+    // keeps in memory count as used there, but give way.
     let allowed = || {
-        let most = number("/sys/fs/cgroup/memory.max")?;
-        Some(most.saturating_sub(number("/sys/fs/cgroup/memory.current").unwrap_or(0)))
+        let most = row("/sys/fs/cgroup/memory.max", "")?;
+        Some(most.saturating_sub(row("/sys/fs/cgroup/memory.stat", "anon ")?))
     };
     [spare(), allowed()].into_iter().flatten().min()
 }
