@@ -46,7 +46,8 @@ fn material(name: &'static str) -> impl Strategy<Value = String> {
     let rough = (0.0..1.0, 0.0..0.5, 0.0..0.1);
     (elastic, rough).prop_map(move |((density, log_e, nu, restitution), (friction, more, rolling))| {
         format!(
-            "[material.{name}]\ndensity = {density}\nyoungs_modulus = {}\npoissons_ratio = {nu}\nrestitution = {restitution}\n\
+            "[material.{name}]\ndensity = {density}\nyoungs_modulus = {}\n\
+             poissons_ratio = {nu}\nrestitution = {restitution}\n\
              friction = {friction}\nstatic_friction = {}\nrolling_friction = {rolling}\n",
             10f64.powf(log_e),
             friction + more
@@ -68,7 +69,8 @@ fn physics() -> impl Strategy<Value = String> {
         |((normal, tangential, rolling), (end, history), (rule, shear), integrator, force)| {
             format!(
                 "[time]\nintegrator = \"{integrator}\"\n[mixing]\nfriction = \"{rule}\"\nshear_modulus = \"{shear}\"\n\
-                 [contact]\nnormal = \"{normal}\"\ntangential = \"{tangential}\"\nrolling = \"{rolling}\"\nend = \"{end}\"\n\
+                 [contact]\nnormal = \"{normal}\"\n\
+                 tangential = \"{tangential}\"\nrolling = \"{rolling}\"\nend = \"{end}\"\n\
                  history = \"{history}\"\n[contact.cohesion.constant]\nforce = {force}\n"
             )
         },
@@ -105,7 +107,8 @@ fn scene(sides: &'static str, gravity: f64) -> impl Strategy<Value = (String, f6
             let share = if fill == "lattice" { "" } else { "solid_fraction = 0.3\n" };
             let group = |name: &str, low: f64, high: f64| {
                 format!(
-                    "[particles.{name}]\nmaterial = \"{name}\"\ncount = 30\nradius = {sizes}\nfill = \"{fill}\"\n{share}\
+                    "[particles.{name}]\nmaterial = \"{name}\"\ncount = 30\n\
+                     radius = {sizes}\nfill = \"{fill}\"\n{share}\
                      region = {{ min = [{shift}, 0, {low}], max = [{}, 0.1, {high}] }}\n",
                     shift + 0.1
                 )

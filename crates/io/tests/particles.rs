@@ -61,7 +61,8 @@ fn headings_with_units_and_as_paraview_writes_them() {
         (set.velocity[0][0] - 1.0).abs() < 1e-15 && (set.spin[0][0] - std::f64::consts::TAU).abs() < 1e-14
     );
 
-    let spreadsheet = "\"Point ID\",\"Points:0\",\"Points:1\",\"Points:2\",\"Points_Magnitude\",\"radius\",\"velocity:0\",\
+    let spreadsheet = "\"Point ID\",\"Points:0\",\"Points:1\",\"Points:2\",\"Points_Magnitude\",\"radius\",\
+                       \"velocity:0\",\
                        \"velocity:1\",\"velocity:2\"\n0,1,2,3,3.74,0.5,4,5,6\n";
     for (name, text) in [("colon", spreadsheet.to_owned()), ("underscore", spreadsheet.replace(':', "_"))] {
         let columns = parse(name, &text).unwrap();
@@ -82,10 +83,13 @@ fn headings_with_units_and_as_paraview_writes_them() {
 }
 
 /// As GPUDEM writes its particles: text in tabs and columns, no more than points and radii.
-const GPUDEM: &str = "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n\
+const GPUDEM: &str = "<?xml version=\"1.0\"?>\n\
+    <VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n\
     \t<UnstructuredGrid>\n\t\t<Piece NumberOfPoints=\"2\" NumberOfCells=\"0\">\n\t\t\t<!-- Particle positions -->\n\
-    \t\t\t<Points>\n<DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\">\n\t  -0.5  0.25 4\n\t 1e-1 2  .5\n\
-    \t</DataArray>\n</Points>\n<Cells>\n<DataArray type=\"Int32\" Name=\"offsets\" format=\"ascii\">\n</DataArray>\n</Cells>\n\
+    \t\t\t<Points>\n<DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\">\n\
+    \t  -0.5  0.25 4\n\t 1e-1 2  .5\n\
+    \t</DataArray>\n</Points>\n<Cells>\n\
+    <DataArray type=\"Int32\" Name=\"offsets\" format=\"ascii\">\n</DataArray>\n</Cells>\n\
     <PointData Scalars=\"Radius\">\n<DataArray type=\"Float32\" Name=\"Radius\" format=\"ascii\">\n0.125\n0.01\n\
     </DataArray>\n</PointData>\n<CellData>\n</CellData>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n";
 

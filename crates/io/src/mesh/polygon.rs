@@ -9,7 +9,8 @@ use super::Corners;
 const MOST_CORNERS: usize = 10_000;
 
 /// Cuts the polygon into triangles of its winding: a fan from the first corner where no triangle of it runs
-/// against the others, which none does in convex ones; else by clipping ears. False if it has reflex angles and too many corners.
+/// against the others, which none does in convex ones; else by clipping ears. False if it has reflex angles and
+/// too many corners.
 pub(super) fn triangulate(corners: &[Vec3], soup: &mut Vec<Corners>) -> bool {
     let Some((hub, rest)) = corners.split_first() else { return true };
     let fan = rest.windows(2).map(|pair| [*hub, pair[0], pair[1]]);

@@ -308,7 +308,8 @@ fn from_vtk(path: &Path, bytes: &[u8]) -> Result<ParticleColumns, ParticleError>
             "none".clone_into(&mut found);
         }
         let what = format!(
-            "no array `radius` belongs to its points; known are radius (needed), velocity, angular_velocity and material, unknown here: {found}"
+            "no array `radius` belongs to its points; known are radius (needed), velocity, angular_velocity and \
+             material, unknown here: {found}"
         );
         return Err(ParticleError::Array { path: path.into(), what });
     };

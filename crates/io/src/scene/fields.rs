@@ -196,7 +196,9 @@ static PARTICLES: TableSpec = TableSpec {
     doc: "A group of particles, read from a file or generated.",
     fields: &[
         Field::new("material", Kind::Reference(Names::Material), "Their material.").optional("named by the file's column `material`"),
-        Field::new("file", Kind::Path, "CSV file with a header naming x, y, z and R [m], or with units as `R [mm]`; optionally vx, vy, vz [m/s], wx, wy, wz [rad/s] and material, which then count. Or VTU or VTP with an array radius; optionally velocity, angular_velocity and material, the scene's materials counted from 0.")
+        Field::new("file", Kind::Path, "CSV file with a header naming x, y, z and R [m], or with units as `R [mm]`; optionally vx, vy, vz [m/s], \
+             wx, wy, wz [rad/s] and material, which then count. Or VTU or VTP with an array radius; optionally \
+             velocity, angular_velocity and material, the scene's materials counted from 0.")
             .optional("the particles are generated"),
         Field::new("count", Kind::Integer, "How many to generate.").optional("the particles are read from `file`").at_least(1.0).at_most(4e9),
         Field::new("radius", Kind::Either(&[LENGTH, Kind::Table(&SIZES)]), "Radius [m], or a distribution of radii.")
@@ -229,7 +231,7 @@ static SIZES: TableSpec = TableSpec {
 };
 
 static SIEVE: TableSpec = TableSpec {
-    doc: "A sieve curve: the share of the mass that passes each opening, straight lines over the logarithm of the opening between.",
+    doc: "A sieve curve: the share of the mass that passes each opening, straight over the logarithm of the opening.",
     fields: &[
         Field::new(
             "opening",
@@ -543,7 +545,7 @@ static OUTPUT: TableSpec = TableSpec {
         Field::new(
             "checkpoint_wall",
             TIME,
-            "Wall time between checkpoints [s]; they are also written at the beginning, at stage ends and when interrupted.",
+            "Wall time between checkpoints [s]; others are written at the beginning, at stage ends and when interrupted.",
         )
         .or("\"1 min\"")
         .at_least(0.0)
