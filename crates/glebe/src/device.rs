@@ -191,9 +191,7 @@ impl Listing {
 /// Memory of what a backend computes on, as far as it is free where that is known \[bytes\].
 pub fn memory(backend: Backend) -> Option<u64> {
     if backend == Backend::Cpu {
-        let info = std::fs::read_to_string("/proc/meminfo").ok()?;
-        let kilobytes = info.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
-        return kilobytes.trim().strip_suffix("kB")?.trim().parse().ok().map(|kb: u64| kb * 1024);
+        return glebe_io::free_memory();
     }
     let name = backend.device();
     let own = |found: &Found| name.split(' ').next() == Some(&found.name);

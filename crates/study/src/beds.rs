@@ -88,6 +88,7 @@ impl Bed {
         let found = checkpoint::read(&path).ok().filter(|c| c.header.scene_hash == self.key)?;
         let mut state = State::from_bytes(&found.state).ok()?;
         self.wake(constants, &mut state);
+        state.belongs_to(constants).ok()?;
         // Beds in use are young.
         let _ = fs::File::open(&path).and_then(|f| f.set_modified(SystemTime::now()));
         Some(state)

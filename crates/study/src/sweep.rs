@@ -169,7 +169,8 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
     };
     let mut warnings = plan.warnings.clone();
     let mut rows: BTreeMap<usize, Row> = BTreeMap::new();
-    let (dir, journal) = if settings.existing == Existing::Resume {
+    let vacant = OutputDir::is_vacant(&settings.out)?;
+    let (dir, journal) = if settings.existing == Existing::Resume && !vacant {
         let dir = OutputDir::open_study(&settings.out)?;
         let path = dir.journal();
         let (found, ended, journal) = Journal::resume::<Head, Row>(&path)?;
@@ -192,6 +193,9 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
         (dir, journal)
     } else {
         let dir = OutputDir::create(&settings.out, settings.existing == Existing::Replace)?;
+        if settings.existing == Existing::Resume {
+            listener.note("nothing was kept before the sweep ended: it begins again");
+        }
         dir.write_study(&plan.study.text, &settings.sets)?;
         let journal = Journal::create(&dir.journal(), &head)?;
         (dir, journal)
@@ -309,6 +313,7 @@ impl Sweep<'_> {
         let found =
             checkpoint::read(&self.checkpoint(w)).ok().filter(|c| c.header.scene_hash == made.scene_hash);
         let saved = found.and_then(|found| State::from_bytes(&found.state).ok());
+        let saved = saved.filter(|state| state.belongs_to(&made.constants).is_ok());
         Ok((made.constants, saved.unwrap_or(made.state)))
     }
 

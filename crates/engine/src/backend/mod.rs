@@ -67,6 +67,9 @@ pub trait Fleet: Send {
     fn bytes_per_particle(&self, world: usize) -> f64;
 }
 
+/// Memory of a particle in a dense bed: state, lists, contact history \[bytes\].
+pub const BYTES_PER_PARTICLE: f64 = 700.0;
+
 /// Steps asked of one world.
 pub struct Job<'a> {
     /// Which world.

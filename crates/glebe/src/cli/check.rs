@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use glebe_engine::backend::BYTES_PER_PARTICLE;
 use glebe_engine::spec::Until;
 use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
@@ -17,8 +18,6 @@ use crate::device::Device;
 /// Rate that run times are estimated with \[particle-steps/s per core\]: a settled bed with friction and
 /// energy ledger. Machines differ by a factor of two either way.
 const RATE: f64 = 4e6;
-/// Memory of a particle in a dense bed: state, lists, contact history \[bytes\].
-const BYTES: f64 = 700.0;
 
 /// Checks a scene or a study without running it: all errors at once, counts, memory, run time
 #[derive(Debug, clap::Args)]
@@ -87,7 +86,7 @@ pub(super) fn prepared(built: &BuiltScene) -> Result<(Arc<Constants>, State), Pr
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
-    if std::fs::read_to_string(&args.scene.scene).is_ok_and(|text| Study::is_meant(&text)) {
+    if Study::is_at(&args.scene.scene) {
         return study(args, ui);
     }
     let scene = args.scene.load()?;
@@ -112,7 +111,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let seconds = steps.map(|s| s * particles as f64 / (RATE * cores as f64));
     let memory = chosen.backend.memory(std::slice::from_ref(&constants));
-    let bytes = memory.map_or(BYTES * particles as f64, |m| m.needed as f64);
+    let bytes = memory.map_or(BYTES_PER_PARTICLE * particles as f64, |m| m.needed as f64);
     let of_device = memory.and_then(|m| m.device);
     let limits = constants.limits;
     let warnings: Vec<serde_json::Value> = built
@@ -187,7 +186,7 @@ fn study(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let particle_steps: f64 = facts.iter().map(|f| f.steps as f64 * f.particles as f64).sum();
     let seconds = particle_steps / (RATE * cores as f64);
-    let bytes = BYTES * particles as f64;
+    let bytes = BYTES_PER_PARTICLE * particles as f64;
     let measures: Vec<String> = plan.measures.iter().map(Measure::full_name).collect();
     let worlds = plan.worlds.iter().map(|w| {
         let refused = w.fate.as_ref().err();

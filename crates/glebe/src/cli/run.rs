@@ -4,7 +4,6 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use glebe_io::output::OutputDir;
 use glebe_io::output::summary::{Status, Summary};
 use glebe_io::scene::SceneError;
 use serde_json::json;
@@ -30,9 +29,9 @@ pub(super) struct Args {
     scene: SceneArgs,
     #[command(flatten)]
     compute: ComputeArgs,
-    /// Wall time between checkpoints [s]
-    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
-    checkpoint_every: u64,
+    /// Wall time between checkpoints [s] [default: `checkpoint_wall` of the scene]
+    #[arg(long, value_name = "SECONDS")]
+    checkpoint_every: Option<u32>,
     /// Prints the share of time per phase
     #[arg(long)]
     profile: bool,
@@ -110,7 +109,9 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         backend: chosen.backend,
         existing: compute.existing(),
         beds: default_bed_folder().filter(|_| !compute.no_cache),
-        checkpoint_every: Duration::from_secs(args.checkpoint_every),
+        checkpoint_every: Duration::from_secs_f64(
+            args.checkpoint_every.map_or(scene.checkpoint_wall, f64::from),
+        ),
         checkpoint_time: scene.checkpoint,
         warnings: built.warnings.iter().map(one_line).collect(),
         ..Settings::new(&out)
@@ -148,10 +149,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
             summary.reason.as_deref().unwrap_or("the run failed"),
             out.display(),
             // A guard stops a run at the same step again; a device may be well again.
-            match (summary.state_hash.is_empty(), OutputDir::open_existing(&out)) {
-                (false, _) => String::new(),
-                (true, Ok(_)) => format!(", complete up to the last checkpoint. To go on from it: {resume}"),
-                (true, Err(_)) => "; there is no checkpoint yet: start again with --force".to_owned(),
+            if summary.state_hash.is_empty() {
+                format!(", complete up to the last checkpoint. To go on from it: {resume}")
+            } else {
+                String::new()
             },
         ))),
     }
