@@ -214,6 +214,14 @@ impl Batch {
     pub fn state(&self, world: usize) -> State {
         self.fleet.state(world, &self.worlds[world].progress)
     }
+    /// The complete state of a world, if its backend can be trusted once it was read.
+    ///
+    /// # Errors
+    /// Why it cannot be trusted.
+    pub fn sound_state(&self, world: usize) -> Result<State, Failure> {
+        let state = self.state(world);
+        self.fault(world).map_or(Ok(state), Err)
+    }
     /// Why what was last read of a world may be wrong, if its backend failed.
     pub fn fault(&self, world: usize) -> Option<Failure> {
         self.fleet.fault(world, &self.worlds[world].progress)
@@ -359,6 +367,9 @@ impl Batch {
         }
         let actions = c.spec.stages[self.worlds[w].progress.stage].actions.clone();
         let trimmed = if actions.is_empty() { 0 } else { self.act(w, &actions) };
+        if self.fails(w) {
+            return Ok(());
+        }
         let world = &mut self.worlds[w];
         world.progress.trimmed = trimmed;
         world.progress.stage_begun = true;

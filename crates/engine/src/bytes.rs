@@ -3,6 +3,7 @@
 //! Little-endian: the progress as JSON behind its length, the number of particles and their columns one
 //! after the other, then contact memories. Files wrap this with a version and a checksum.
 
+use crate::setup::Constants;
 use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
 
 /// Why bytes are not a state.
@@ -22,6 +23,9 @@ pub enum BytesError {
     /// Bytes left over.
     #[error("{0} bytes follow the state; the file is of another version")]
     Long(usize),
+    /// Not a state of the world that it is to be.
+    #[error("the state is not one of this world: {0}; the file is of another version, or was changed")]
+    OtherWorld(String),
     /// The progress cannot be read.
     #[error("the progress cannot be read: {0}")]
     Progress(String),
@@ -112,6 +116,48 @@ impl State {
             0 => Ok(Self { particles: p, contacts, surface_contacts, progress }),
             more => Err(BytesError::Long(more)),
         }
+    }
+
+    /// Whether the world may have this state: nothing in it points beyond what there is.
+    ///
+    /// # Errors
+    /// [`BytesError::OtherWorld`].
+    pub fn belongs_to(&self, c: &Constants) -> Result<(), BytesError> {
+        self.check(c).map_err(BytesError::OtherWorld)
+    }
+
+    fn check(&self, c: &Constants) -> Result<(), String> {
+        let need = |fits: bool, what: &str| if fits { Ok(()) } else { Err(what.to_owned()) };
+        let (p, g) = (&self.particles, &self.progress);
+        let mut there = vec![false; c.count];
+        for id in &p.id {
+            let place = there.get_mut(*id as usize).filter(|place| !**place);
+            *place.ok_or_else(|| format!("particle {id} is not of it, or there twice"))? = true;
+        }
+        // Radii are rounded to f32.
+        let most = c.radius_max as f32 * (1.0 + f32::EPSILON);
+        need(p.place.iter().all(|x| x.radius > 0.0 && x.radius <= most), "a radius")?;
+        need(p.velocity.iter().all(|x| x.inv_mass > 0.0 && x.inv_mass.is_finite()), "a mass")?;
+        need(p.velocity.iter().all(|x| x.v.iter().all(|v| v.is_finite())), "a velocity")?;
+        need(p.spin.iter().all(|x| (x.material as usize) < c.spec.materials.len()), "a material")?;
+        let has = |id: u32| there.get(id as usize) == Some(&true);
+        let remembered = |history: &[f32]| history.len() == c.history.len();
+        let pairs =
+            |m: &ContactMemory| m.id[0] < m.id[1] && m.id.iter().all(|id| has(*id)) && remembered(&m.history);
+        need(self.contacts.iter().all(pairs), "a contact")?;
+        let sides = |m: &SurfaceMemory| {
+            has(m.id) && (m.surface as usize) < c.boundaries.len() && remembered(&m.history)
+        };
+        need(self.surface_contacts.iter().all(sides), "a contact with a surface")?;
+
+        let surfaces = c.spec.surfaces.len();
+        need(g.stage <= c.spec.stages.len() && g.results.len() == g.stage, "its stage")?;
+        let measures = c.spec.stages.get(g.stage).map_or(g.measures.len(), |s| s.measures.len());
+        need(g.measures.len() == measures, "its measures")?;
+        need([g.surfaces.len(), g.path.len(), g.impulse.len()] == [surfaces; 3], "its surfaces")?;
+        let since = g.surfaces.iter().map(|s| s.since).chain([g.stage_since, g.rebuilt]).max();
+        need(since <= Some(g.step), "its steps")?;
+        need(g.skin >= 0.0 && g.skin.is_finite(), "its lists")
     }
 }
 

@@ -78,6 +78,38 @@ fn sizes_have_the_moments_of_their_distribution() {
     assert_moments(&logs, 4e-3_f64.ln(), 0.4, 3.0);
 }
 
+/// Share of the mass below a radius.
+fn finer(radii: &[f64], limit: f64) -> f64 {
+    let mass = |below: f64| radii.iter().filter(|r| **r < below).map(|r| r * r * r).sum::<f64>();
+    mass(limit) / mass(f64::INFINITY)
+}
+
+#[test]
+fn a_sieve_curve_is_met_by_mass() {
+    // Nothing between 2 and 3 mm.
+    let curve = [(1e-3, 0.0), (2e-3, 0.3), (3e-3, 0.3), (4e-3, 0.8), (8e-3, 1.0)];
+    let sizes = SizeDistribution::Sieve(curve.to_vec());
+    assert_eq!(sizes.limits(), (1e-3, 8e-3));
+    let radii = sizes.sample(20_000, 3).unwrap();
+    assert_eq!(radii, sizes.sample(20_000, 3).unwrap());
+    assert_ne!(radii, sizes.sample(20_000, 4).unwrap());
+    assert!(radii.iter().all(|r| (1e-3..=8e-3).contains(r) && !(2.0001e-3..2.9999e-3).contains(r)));
+    for (radius, share) in curve {
+        assert!((finer(&radii, radius) - share).abs() < 2e-3, "{radius}: {}", finer(&radii, radius));
+    }
+    // Straight lines in a diagram over the logarithm of size.
+    for (from, to) in [(0, 1), (2, 3), (3, 4)] {
+        let ((a, low), (b, high)) = (curve[from], curve[to]);
+        let middle = finer(&radii, (a * b).sqrt());
+        assert!((middle - 0.5 * (low + high)).abs() < 4e-3, "{middle} between {a} and {b}");
+    }
+    // Few particles: the largest class, half of one particle by number, is not left to chance.
+    let shares: Vec<f64> = (0..50).map(|seed| finer(&sizes.sample(500, seed).unwrap(), 4e-3)).collect();
+    let mean = shares.iter().sum::<f64>() / 50.0;
+    assert!((mean - 0.8).abs() < 0.02, "{mean}");
+    assert!(shares.iter().all(|share| (share - 0.8).abs() < 0.1), "{shares:?}");
+}
+
 #[test]
 fn truncated_sizes_are_drawn_again_not_clipped() {
     // A normal distribution cut at ± one deviation: std² = 1 - 2 φ(1) / (2 Φ(1) - 1), textbook.
@@ -115,6 +147,15 @@ fn bad_sizes_say_which_value_and_what_is_allowed() {
     assert!(message(normal).contains("normal.std is -1: it must be finite and at least 0"));
     let lognormal = SizeDistribution::LogNormal { median: 0.0, sigma: 0.1, min: 1e-3, max: 9e-3 };
     assert!(message(lognormal).contains("log_normal.median is 0"));
+    let sieve = |points: &[(f64, f64)]| message(SizeDistribution::Sieve(points.to_vec()));
+    assert!(sieve(&[(1e-3, 0.0)]).contains("two or more"));
+    assert!(sieve(&[(1e-3, 0.1), (2e-3, 1.0)]).contains("0 at the finest radius and 1 at the coarsest"));
+    assert!(sieve(&[(1e-3, 0.0), (2e-3, 0.9)]).contains("0.9"));
+    assert!(sieve(&[(2e-3, 0.0), (2e-3, 1.0)]).contains("larger than the one before it"));
+    assert!(
+        sieve(&[(1e-3, 0.0), (2e-3, 0.6), (3e-3, 0.5), (4e-3, 1.0)]).contains("not below the one before it")
+    );
+    assert!(sieve(&[(0.0, 0.0), (2e-3, 1.0)]).contains("above 0"));
     let never = SizeDistribution::Normal { mean: 5e-3, std: 1e-4, min: 1e-2, max: 2e-2 };
     assert!(message(never).contains("widen the limits"));
 }

@@ -1,6 +1,8 @@
 //! Where a run computes: what may be asked for, what there is, and what is chosen.
 
+use std::fmt;
 use std::str::FromStr;
+use std::sync::Arc;
 
 use glebe_engine::Constants;
 use glebe_engine::backend::{Backend, Unavailable};
@@ -45,6 +47,18 @@ impl FromStr for Device {
     }
 }
 
+impl fmt::Display for Device {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Cpu => f.write_str("cpu"),
+            Self::Gpu(None) => f.write_str("gpu"),
+            Self::Gpu(Some(number)) => write!(f, "gpu:{number}"),
+            Self::Cuda(number) => write!(f, "cuda:{number}"),
+        }
+    }
+}
+
 /// What was chosen.
 #[derive(Clone, Debug)]
 pub struct Chosen {
@@ -54,24 +68,45 @@ pub struct Chosen {
     pub note: Option<String>,
 }
 
+/// A device that was opened before the worlds are known that it is to run.
+#[derive(Clone, Debug)]
+pub struct Opened {
+    asked: Device,
+    found: Result<Backend, Unavailable>,
+}
+
 impl Device {
-    /// Opens the device for worlds, or says why it cannot run them.
+    /// Opens the device, if a world of so many particles can have room on it, whatever they are.
     ///
     /// # Errors
-    /// A device that is not there, or cannot run one of the worlds. `auto` takes the CPU then.
-    pub fn choose<'a>(self, worlds: impl IntoIterator<Item = &'a Constants>) -> Result<Chosen, Unavailable> {
+    /// A device that is not there, or too small. With `auto` that is none: the CPU is left.
+    pub fn open(self, particles: usize) -> Result<Opened, Unavailable> {
         let found = match self {
             Self::Cpu => Ok(Backend::Cpu),
             Self::Auto => accelerators::best(),
             Self::Gpu(number) => accelerators::gpu(number),
             Self::Cuda(number) => accelerators::cuda(number),
         };
-        let admitted = found.and_then(|backend| admit(backend, worlds).map(|()| backend));
-        match (self, admitted) {
-            (Self::Auto, Ok(backend)) => {
+        let found = found.and_then(|backend| accept(backend, backend.crowded(particles)));
+        match (self, found) {
+            (Self::Auto, found) => Ok(Opened { asked: self, found }),
+            (_, found) => found.map(|backend| Opened { asked: self, found: Ok(backend) }),
+        }
+    }
+}
+
+impl Opened {
+    /// The device for worlds, or why it cannot run them.
+    ///
+    /// # Errors
+    /// A device that cannot run the worlds. `auto` takes the CPU then.
+    pub fn admit(self, worlds: &[Arc<Constants>]) -> Result<Chosen, Unavailable> {
+        let admitted = self.found.and_then(|backend| admit(backend, worlds).map(|()| backend));
+        match (self.asked, admitted) {
+            (Device::Auto, Ok(backend)) => {
                 Ok(Chosen { backend, note: Some(format!("device: {}", backend.device())) })
             }
-            (Self::Auto, Err(why)) => {
+            (Device::Auto, Err(why)) => {
                 let backend = Backend::Cpu;
                 let note = format!("device: {} ({}; see `glebe devices`)", backend.device(), why.why);
                 Ok(Chosen { backend, note: Some(note) })
@@ -82,17 +117,18 @@ impl Device {
     }
 }
 
-/// Refuses worlds that a backend cannot run.
+/// Refuses worlds that a backend cannot run together.
 ///
 /// # Errors
-/// Why it cannot run the first of them.
-pub fn admit<'a>(
-    backend: Backend,
-    worlds: impl IntoIterator<Item = &'a Constants>,
-) -> Result<(), Unavailable> {
-    match worlds.into_iter().find_map(|world| backend.refusal(world)) {
+/// Why it cannot.
+pub fn admit(backend: Backend, worlds: &[Arc<Constants>]) -> Result<(), Unavailable> {
+    accept(backend, backend.refusal(worlds)).map(|_| ())
+}
+
+fn accept(backend: Backend, refusal: Option<String>) -> Result<Backend, Unavailable> {
+    match refusal {
         Some(why) => Err(Unavailable::new(&backend.device(), why, "run it with --device cpu")),
-        None => Ok(()),
+        None => Ok(backend),
     }
 }
 
@@ -155,9 +191,7 @@ impl Listing {
 /// Memory of what a backend computes on, as far as it is free where that is known \[bytes\].
 pub fn memory(backend: Backend) -> Option<u64> {
     if backend == Backend::Cpu {
-        let info = std::fs::read_to_string("/proc/meminfo").ok()?;
-        let kilobytes = info.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
-        return kilobytes.trim().strip_suffix("kB")?.trim().parse().ok().map(|kb: u64| kb * 1024);
+        return glebe_io::free_memory();
     }
     let name = backend.device();
     let own = |found: &Found| name.split(' ').next() == Some(&found.name);
@@ -189,6 +223,7 @@ mod tests {
         ];
         for (word, device) in words {
             assert_eq!(word.parse(), Ok(device));
+            assert_eq!(device.to_string().parse(), Ok(device));
         }
         for word in ["", "GPU", "gpu:", "gpu:-1", "gpu:one", "cpu:0", "auto:1", "cuda:", "vulkan"] {
             assert!(word.parse::<Device>().unwrap_err().contains("cuda:NUMBER"), "{word}");

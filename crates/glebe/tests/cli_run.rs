@@ -9,6 +9,9 @@ use std::process::{Child, Command};
 use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime};
 
+use glebe::engine::state::State;
+use glebe::io::checkpoint;
+
 use cli_common::{Ended, Place, SCENE, series};
 
 /// Waits until the run has written so many rows of its series.
@@ -89,6 +92,134 @@ fn a_run_that_is_killed_goes_on_from_its_last_checkpoint() {
         fs::read(place.path("killed/series.csv")).unwrap(),
         fs::read(place.path("whole/series.csv")).unwrap()
     );
+}
+
+/// A state whose contacts all remember as much as the first.
+fn even(mut state: State) -> State {
+    let length = state.contacts[0].history.len();
+    let contacts = state.contacts.iter_mut().map(|m| &mut m.history);
+    contacts
+        .chain(state.surface_contacts.iter_mut().map(|m| &mut m.history))
+        .for_each(|h| h.resize(length, 0.0));
+    state
+}
+
+/// Whether a file is being written in one of the run's folders, or was when the run was killed.
+fn half_written(place: &Place, folder: &str) -> bool {
+    let partial = |e: fs::DirEntry| e.file_name().to_string_lossy().starts_with(".glebe-partial-");
+    fs::read_dir(place.path(folder)).is_ok_and(|all| all.flatten().any(partial))
+}
+
+#[test]
+fn a_run_that_is_killed_again_and_again_ends_with_the_same_bits() {
+    let place = Place::new();
+    place.write("scene.toml", SCENE);
+    let sets = ["stage.push.duration=0.04", "stage.settle.until.at_most=0.04", "output.frames=1 ms"];
+    let sets = sets.map(|set| ["--set", set]).concat();
+    let run = |out: &'static str, more: &[&'static str]| {
+        [&["run", "scene.toml", "--no-cache", "--device", "cpu", "--out", out], &sets[..], more].concat()
+    };
+    place.glebe(&run("whole", &[])).expect(0);
+
+    // Begun with --resume where there is nothing: every start is the same command.
+    fs::create_dir(place.path("killed")).unwrap();
+    let every = ["--resume", "--checkpoint-every", "0"];
+    let (mut kills, mut torn) = (0, [0; 2]);
+    let begun = Instant::now();
+    loop {
+        let mut child = place.command(&run("killed", &every)).spawn().unwrap();
+        let started = Instant::now();
+        // At a time by chance, or as soon as a checkpoint or a frame is half-written. After enough of all
+        // the run may end.
+        let at = some_time(60);
+        let folder = ["", "killed/checkpoint", "killed/frames"][kills % 3];
+        while child.try_wait().unwrap().is_none() {
+            let due = match kills % 3 {
+                0 => started.elapsed() >= at,
+                _ => started.elapsed() >= Duration::from_millis(20) && half_written(&place, folder),
+            };
+            if due && kills < 15 {
+                child.kill().unwrap();
+            }
+        }
+        let ended = Ended::of(&child.wait_with_output().unwrap());
+        if ended.code == 0 {
+            break;
+        }
+        ended.expect(-1);
+        if kills % 3 > 0 {
+            torn[kills % 3 - 1] += usize::from(half_written(&place, folder));
+        }
+        kills += 1;
+        assert!(begun.elapsed() < Duration::from_secs(60), "no end after {kills} kills");
+    }
+    assert!(
+        kills > 8 && torn.iter().all(|n| *n > 0),
+        "{kills} kills, half-written checkpoints and frames {torn:?}"
+    );
+    assert_eq!(place.hash("killed"), place.hash("whole"));
+    let bytes = |name: &str| fs::read(place.path(name)).unwrap();
+    for file in ["series.csv", "frames.pvd", "frames/000070_particles.vtp"] {
+        assert!(bytes(&format!("killed/{file}")) == bytes(&format!("whole/{file}")), "{file} differs");
+    }
+    for folder in ["killed", "killed/checkpoint", "killed/frames"] {
+        assert!(!half_written(&place, folder), "something is left unfinished in {folder}");
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_checkpoint_is_told_and_the_one_before_continued() {
+    let place = Place::new();
+    let short = SCENE.replace("\"0.5 s\"", "\"0.05 s\"").replace("\"0.3 s\"", "\"0.05 s\"");
+    place.write("scene.toml", short.replace("[output]", "[output]\ncheckpoint_wall = 0"));
+    let run = ["run", "scene.toml", "--no-cache", "--device", "cpu"];
+    place.glebe(&run).expect(0);
+    let whole = place.hash("out");
+
+    let mut files: Vec<_> =
+        fs::read_dir(place.path("out/checkpoint")).unwrap().map(|e| e.unwrap().path()).collect();
+    files.sort();
+    assert_eq!(files.len(), 2, "the last two are kept");
+    fs::write(&files[1], &fs::read(&files[1]).unwrap()[..1000]).unwrap();
+    let resume = [&run[..], &["--resume"]].concat();
+    place.glebe(&resume).expect(0).says(&["warning: ", "is cut short: it has 1000 of", "resumed at"]);
+    assert_eq!(place.hash("out"), whole);
+    assert!(place.summary("out")["warnings"][0].as_str().unwrap().contains("cut short"));
+
+    // One that is whole and of this scene, but not a state that its world can have.
+    let newest =
+        || fs::read_dir(place.path("out/checkpoint")).unwrap().map(|e| e.unwrap().path()).max().unwrap();
+    let good = checkpoint::read(&newest()).unwrap();
+    let state = State::from_bytes(&good.state).unwrap();
+    type Spoil = fn(&mut State);
+    let spoils: [(Spoil, &str); 6] = [
+        (|s| s.particles.spin[0].material = 9, "a material"),
+        (|s| s.particles.id[0] = s.particles.id[1], "or there twice"),
+        (|s| s.particles.velocity[3].v[1] = f32::NAN, "a velocity"),
+        (|s| s.surface_contacts[0].surface = 99, "a contact with a surface"),
+        (|s| s.contacts[0].history.push(0.0), "a contact"),
+        (|s| s.progress.surfaces.clear(), "its surfaces"),
+    ];
+    for (spoil, what) in spoils {
+        let mut bad = state.clone();
+        spoil(&mut bad);
+        // Files have histories of one length.
+        checkpoint::write(&newest(), &good.header, &even(bad).to_bytes()).unwrap();
+        place.glebe(&resume).expect(2).says(&["the state is not one of this world: ", what]);
+    }
+    checkpoint::write(&newest(), &good.header, &good.state).unwrap();
+
+    // A state that another device computed is continued, and said to be one.
+    let found = good;
+    assert_eq!(found.header.device, "cpu");
+    let header = checkpoint::Header { device: "gpu:0 (A card, vulkan)".to_owned(), ..found.header };
+    checkpoint::write(&newest(), &header, &found.state).unwrap();
+    fs::remove_file(place.path("out/summary.json")).unwrap();
+    place
+        .glebe(&resume)
+        .expect(0)
+        .says(&["written on gpu:0 (A card, vulkan) and is continued on cpu", "the bits differ"]);
+    assert!(place.summary("out")["warnings"][0].as_str().unwrap().contains("written on gpu:0"));
 }
 
 #[test]

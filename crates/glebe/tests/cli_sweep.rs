@@ -72,6 +72,23 @@ fn signal(child: &Child, name: &str) {
 }
 
 #[test]
+fn a_sweep_that_was_killed_before_its_journal_begins_again() {
+    let place = Place::new();
+    let short = SCENE.replace("\"0.5 s\"", "0.01").replace("\"0.3 s\"", "0.01");
+    let study = "scene = \"scene.toml\"\n[vary.seed]\npath = \"seed\"\nvalues = [1, 2]\n";
+    place.write("scene.toml", short).write("study.toml", study);
+    fs::create_dir_all(place.path("out/checkpoint")).unwrap();
+    place.write("out/study.toml", "# copied by glebe\n").write("out/.glebe-partial-7-0", "half");
+    let sweep = ["sweep", "study.toml", "--no-cache", "--device", "cpu"];
+    place.glebe(&[&sweep[..], &["--resume"]].concat()).expect(0).says(&["begins again"]);
+    place.glebe(&[&sweep[..], &["--out", "whole"]].concat()).expect(0);
+    for name in ["worlds.csv", "study.toml"] {
+        assert_eq!(bytes(&place, &format!("out/{name}")), bytes(&place, &format!("whole/{name}")), "{name}");
+    }
+    assert!(!place.listing().iter().any(|name| name.contains("partial")), "{:?}", place.listing());
+}
+
+#[test]
 fn worlds_of_a_sweep_are_those_of_single_runs() {
     let place = place();
     let sweep = place.glebe(&["sweep", "study.toml", "--no-cache", "--json"]);

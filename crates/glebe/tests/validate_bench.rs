@@ -119,6 +119,34 @@ fn beds_of_wide_gradings_tell_the_time_of_a_contact_beside_the_mono_beds() {
 }
 
 #[test]
+fn tools_move_in_beds_of_their_own_and_the_first_step_is_timed() {
+    let folder = TempDir::new().unwrap();
+    let tools = ["sweep", "fine-sweep", "rotor"];
+    let args = ["--sizes", "none", "--tools", "sweep,fine-sweep,rotor", "--tool-sizes", "300"];
+    let more = ["--steps", "50", "--repeat", "1", "--device", "cpu"];
+    let result = measured(folder.path(), &[&args[..], &more].concat());
+    let beds = result["beds"].as_array().unwrap();
+    let named: Vec<_> = beds.iter().map(|b| b["mode"].as_str().unwrap()).collect();
+    assert_eq!(named, tools);
+    for (bed, triangles) in beds.iter().zip([452, 16_432, 2892]) {
+        assert_eq!(
+            (&bed["tool"]["triangles"], &bed["particles"]),
+            (&json!(triangles), &json!(300)),
+            "{bed:#}"
+        );
+        assert_eq!(bed["lost"], 0, "{bed:#}");
+        // Beds, be they stirred; and the first step is timed with what precedes it.
+        assert!(number(&bed["coordination"]) > 0.5, "{bed:#}");
+        assert!(number(&bed["first_step_s"]) > 0.0, "{bed:#}");
+    }
+    // The same soil, the same box, the same way.
+    assert_eq!(beds[0]["step_s"], beds[1]["step_s"]);
+    let wrong = bench(folder.path(), &["--tools", "spade"]);
+    assert_eq!(wrong.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&wrong.stderr).contains("fine-sweep"));
+}
+
+#[test]
 fn beds_that_are_not_there_exit_with_2_and_a_list() {
     let folder = TempDir::new().unwrap();
     for option in ["--beds=1:4", "--flowing=slowly"] {

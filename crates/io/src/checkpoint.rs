@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use crate::input;
 use crate::output::{OutputError, write_atomic};
 
 /// The version of the layout that this program writes.
@@ -27,6 +28,9 @@ const LEVEL: i32 = 1;
 pub struct Header {
     /// Version of the glebe that wrote it.
     pub glebe_version: String,
+    /// What computed it: a resumed run gives the same bits on the same device only. Empty if not known.
+    #[serde(default)]
+    pub device: String,
     /// Hash of the scene that the state belongs to.
     pub scene_hash: String,
     /// Steps done.
@@ -128,13 +132,6 @@ pub enum CheckpointError {
     },
 }
 
-impl CheckpointError {
-    /// Whether an older file may still be good.
-    fn concerns_this_file_only(&self) -> bool {
-        matches!(self, Self::Foreign { .. } | Self::CutShort { .. } | Self::Damaged { .. } | Self::Output(_))
-    }
-}
-
 /// The checkpoints of one run: `000000.glebe`, `000001.glebe`, … in a folder, of which the last two
 /// good ones are kept.
 #[derive(Debug)]
@@ -203,7 +200,15 @@ pub fn write(path: &Path, header: &Header, state: &[u8]) -> Result<(), Checkpoin
 /// # Errors
 /// [`CheckpointError`], but for scenes: see [`latest_valid`].
 pub fn read(path: &Path) -> Result<Checkpoint, CheckpointError> {
-    let bytes = fs::read(path).map_err(|e| OutputError::io(path, "read this checkpoint", e))?;
+    let bytes = input::read(path).map_err(|e| OutputError::io(path, "read this checkpoint", e))?;
+    parse(path, &bytes)
+}
+
+/// Like [`read`], of the `bytes` of the file called `path`.
+///
+/// # Errors
+/// As [`read`], but for those of the system.
+pub fn parse(path: &Path, bytes: &[u8]) -> Result<Checkpoint, CheckpointError> {
     let path = path.to_owned();
     let found = bytes.len() as u64;
     if !bytes.starts_with(&MAGIC[..bytes.len().min(MAGIC.len())]) {
@@ -214,13 +219,13 @@ pub fn read(path: &Path) -> Result<Checkpoint, CheckpointError> {
     }
     let (content, digest) = bytes.split_at(bytes.len() - DIGEST);
     let intact = Sha256::digest(content).as_slice() == digest;
-    let format = u32_at(&bytes, 8);
+    let format = u32_at(bytes, 8);
     // All formats end with the checksum, so that a flipped bit is not taken for a later version.
     if format > FORMAT && intact {
         return Err(CheckpointError::Newer { path, found: format });
     }
-    let header_end = FIXED as u64 + u64::from(u32_at(&bytes, 12));
-    let expected = header_end.saturating_add(u64_at(&bytes, 16)).saturating_add(DIGEST as u64);
+    let header_end = FIXED as u64 + u64::from(u32_at(bytes, 12));
+    let expected = header_end.saturating_add(u64_at(bytes, 16)).saturating_add(DIGEST as u64);
     if found < expected {
         return Err(CheckpointError::CutShort { path, found, expected });
     }
@@ -233,7 +238,14 @@ pub fn read(path: &Path) -> Result<Checkpoint, CheckpointError> {
     }
     let (header, stored) = content[FIXED..].split_at(header_end as usize - FIXED);
     let header = serde_json::from_slice(header).map_err(|e| damaged(format!("its header: {e}")))?;
-    let length = u64_at(&bytes, 24);
+    let length = u64_at(bytes, 24);
+    // What is packed well may be small here and too large there.
+    if let Some(free) = input::free_memory().filter(|free| length > *free) {
+        let (length, free) = (input::size(length), input::size(free));
+        return Err(damaged(format!(
+            "its state is said to take {length}, but only {free} of memory are free"
+        )));
+    }
     let mut state = Vec::new();
     zstd::stream::read::Decoder::with_buffer(stored)
         // One byte more shows a state that is too long.
@@ -245,11 +257,11 @@ pub fn read(path: &Path) -> Result<Checkpoint, CheckpointError> {
     Ok(Checkpoint { path, header, state, skipped: Vec::new() })
 }
 
-/// The newest good checkpoint in `dir`. If a newer one is damaged, [`Checkpoint::skipped`] says so.
+/// The newest good checkpoint in `dir`. If a newer one cannot be used, [`Checkpoint::skipped`] says why.
 ///
 /// # Errors
 /// [`CheckpointError::OtherScene`] unless its scene hash is `scene_hash`; [`CheckpointError::None`],
-/// [`CheckpointError::NoneValid`], [`CheckpointError::Newer`], [`CheckpointError::Output`].
+/// [`CheckpointError::NoneValid`], [`CheckpointError::Output`].
 pub fn latest_valid(dir: &Path, scene_hash: &str) -> Result<Checkpoint, CheckpointError> {
     if !dir.is_dir() {
         return Err(CheckpointError::None { dir: dir.to_owned() });
@@ -262,8 +274,7 @@ pub fn latest_valid(dir: &Path, scene_hash: &str) -> Result<Checkpoint, Checkpoi
                 return Err(CheckpointError::OtherScene { path, found, expected });
             }
             Ok(found) => return Ok(Checkpoint { skipped, ..found }),
-            Err(e) if e.concerns_this_file_only() => skipped.push(e.to_string()),
-            Err(e) => return Err(e),
+            Err(e) => skipped.push(e.to_string()),
         }
     }
     let dir = dir.to_owned();

@@ -1,6 +1,7 @@
 //! Scene and study files, meshes, particle files, writers and checkpoints of the glebe DEM engine.
 
 pub mod checkpoint;
+mod input;
 pub mod mesh;
 pub mod output;
 pub mod particles;
@@ -8,3 +9,6 @@ pub mod scene;
 pub mod study;
 pub mod tool;
 pub mod units;
+mod vtk;
+
+pub use input::free_memory;

@@ -120,6 +120,8 @@ const SYMBOLS: &[(&str, f64, [i32; 4], bool)] = &[
     ("Hz", 1.0, [0, 0, -1, 0], true),
     ("bar", 1e5, [-1, 1, -2, 0], true),
     ("L", 1e-3, [3, 0, 0, 0], true),
+    ("in", 0.0254, [1, 0, 0, 0], false),
+    ("ft", 0.3048, [1, 0, 0, 0], false),
     ("t", 1e3, [0, 1, 0, 0], false),
     ("min", 60.0, [0, 0, 1, 0], false),
     ("h", 3600.0, [0, 0, 1, 0], false),
@@ -163,26 +165,41 @@ pub fn parse(text: &str, dimension: Dimension) -> Result<f64, UnitError> {
     if unit.is_empty() && !dimension.si.is_empty() {
         return Err(UnitError::NoUnit(trimmed.to_owned()));
     }
-    let found = parse_unit(unit)?;
-    if Ok(found.powers) != parse_unit(dimension.si).map(|u| u.powers) {
+    Ok(Factor::of(unit, dimension, trimmed)?.apply(value))
+}
+
+/// What turns numbers of a unit into SI units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Factor(f64);
+
+impl Factor {
+    /// For numbers in SI units.
+    pub const ONE: Self = Self(1.0);
+
+    /// For numbers of the `unit`, which must be of `dimension`; `text` stands for them in messages.
+    pub fn of(unit: &str, dimension: Dimension, text: &str) -> Result<Self, UnitError> {
+        let found = parse_unit(unit)?;
+        if Ok(found.powers) == parse_unit(dimension.si).map(|u| u.powers) {
+            return Ok(Self(found.factor));
+        }
         let name = Dimension::ALL
             .iter()
             .find(|d| parse_unit(d.si).map(|u| u.powers) == Ok(found.powers))
             .map_or_else(|| "of another kind".to_owned(), |d| with_article(d.name));
-        return Err(UnitError::Dimension {
-            text: trimmed.to_owned(),
+        Err(UnitError::Dimension {
+            text: text.to_owned(),
             found: name,
             expected: with_article(dimension.name),
-        });
+        })
     }
-    Ok(scale(value, found.factor))
-}
 
-/// `value · factor`, dividing where the factor is the inverse of a whole number: `8.5 mm` is then the
-/// same f64 as `0.0085`.
-fn scale(value: f64, factor: f64) -> f64 {
-    let inverse = (1.0 / factor).round();
-    if factor < 1.0 && (inverse * factor - 1.0).abs() < 1e-15 { value / inverse } else { value * factor }
+    /// `value · factor`, dividing where the factor is the inverse of a whole number: `8.5 mm` is then the
+    /// same f64 as `0.0085`.
+    pub fn apply(self, value: f64) -> f64 {
+        let Self(factor) = self;
+        let inverse = (1.0 / factor).round();
+        if factor < 1.0 && (inverse * factor - 1.0).abs() < 1e-15 { value / inverse } else { value * factor }
+    }
 }
 
 fn with_article(name: &str) -> String {
@@ -294,6 +311,8 @@ mod tests {
             ("-3um", Dimension::LENGTH, -3e-6),
             ("3 µm", Dimension::LENGTH, 3e-6),
             ("1.5 km", Dimension::LENGTH, 1500.0),
+            ("2 in", Dimension::LENGTH, 0.0508),
+            ("10 ft", Dimension::LENGTH, 3.048),
             ("200 cm^2", Dimension::AREA, 0.02),
             ("2 L", Dimension::VOLUME, 0.002),
             ("5 cm³", Dimension::VOLUME, 5e-6),

@@ -18,6 +18,7 @@ fn folder(name: &str) -> PathBuf {
 fn header(step: u64) -> Header {
     Header {
         glebe_version: "0.1.0".to_owned(),
+        device: "cpu".to_owned(),
         scene_hash: "5ce7e".to_owned(),
         step,
         time: step as f64 * 1.1e-5,
@@ -97,25 +98,47 @@ fn every_missing_end_is_noticed() {
     assert!(matches!(checkpoint::read(&path), Err(CheckpointError::Damaged { .. })));
 }
 
-#[test]
-fn foreign_and_newer_files_are_told_apart() {
+/// Makes a good file one of a later format.
+fn make_newer(path: &Path) {
+    change(path, 8, &99_u32.to_le_bytes());
+}
+
+/// Writes bytes into a file and signs it anew.
+fn change(path: &Path, at: usize, new: &[u8]) {
     use sha2::Digest;
 
+    let mut bytes = fs::read(path).unwrap();
+    bytes[at..at + new.len()].copy_from_slice(new);
+    let end = bytes.len() - 32;
+    let digest = sha2::Sha256::digest(&bytes[..end]);
+    bytes[end..].copy_from_slice(&digest);
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn foreign_and_newer_files_are_told_apart() {
     let dir = folder("foreign");
     let path = dir.join("000000.glebe");
     fs::write(&path, "time,step\n0,0\n".repeat(20)).unwrap();
     assert!(matches!(checkpoint::read(&path), Err(CheckpointError::Foreign { .. })));
 
     checkpoint::write(&path, &header(5), &state(3, 300)).unwrap();
-    let mut bytes = fs::read(&path).unwrap();
-    bytes[8..12].copy_from_slice(&99_u32.to_le_bytes());
-    let end = bytes.len() - 32;
-    let digest = sha2::Sha256::digest(&bytes[..end]);
-    bytes[end..].copy_from_slice(&digest);
-    fs::write(&path, bytes).unwrap();
+    make_newer(&path);
     let error = checkpoint::read(&path).unwrap_err();
     assert!(matches!(error, CheckpointError::Newer { found: 99, .. }), "{error}");
     assert!(error.to_string().contains("continue with the newer glebe"), "{error}");
+}
+
+#[test]
+fn a_state_said_to_be_larger_than_memory_is_not_unpacked() {
+    let path = folder("bomb").join("000000.glebe");
+    checkpoint::write(&path, &header(5), &state(3, 300)).unwrap();
+    change(&path, 24, &(1_u64 << 50).to_le_bytes());
+    let error = checkpoint::read(&path).unwrap_err();
+    assert!(matches!(error, CheckpointError::Damaged { .. }), "{error}");
+    change(&path, 24, &299_u64.to_le_bytes());
+    let error = checkpoint::read(&path).unwrap_err().to_string();
+    assert!(error.contains("its state is not 299 bytes long"), "{error}");
 }
 
 #[test]
@@ -150,6 +173,36 @@ fn the_one_before_stands_in_for_a_damaged_one() {
     let mut writer = CheckpointWriter::new(&dir, Some(&found.path)).unwrap();
     writer.write(&header(9), &state(9, 1000)).unwrap();
     assert_eq!(names(&dir), ["000001.glebe", "000003.glebe"]);
+}
+
+#[test]
+fn the_one_before_stands_in_whatever_is_wrong_with_the_newest() {
+    type Spoil = fn(&Path);
+    let spoils: [(&str, Spoil, &str); 5] = [
+        ("cut", |p| fs::write(p, &fs::read(p).unwrap()[..40]).unwrap(), "is cut short"),
+        ("empty", |p| fs::write(p, "").unwrap(), "is cut short"),
+        ("foreign", |p| fs::write(p, "something else").unwrap(), "is not a checkpoint of glebe"),
+        ("newer", make_newer, "has format 99, but this glebe reads formats up to 1"),
+        (
+            "folder",
+            |p| fs::remove_file(p).and_then(|()| fs::create_dir(p)).unwrap(),
+            "cannot read this checkpoint",
+        ),
+    ];
+    for (name, spoil, reason) in spoils {
+        let dir = folder(&format!("stand-in-{name}"));
+        let mut writer = CheckpointWriter::new(&dir, None).unwrap();
+        for step in 0..2 {
+            writer.write(&header(step), &state(step as u32, 1000)).unwrap();
+        }
+        spoil(&dir.join("000001.glebe"));
+        let found = checkpoint::latest_valid(&dir, "5ce7e").unwrap();
+        assert_eq!((found.header.step, &found.state), (0, &state(0, 1000)), "{name}");
+        assert!(matches!(&found.skipped[..], [why] if why.contains(reason)), "{name}: {:?}", found.skipped);
+        spoil(&dir.join("000000.glebe"));
+        let error = checkpoint::latest_valid(&dir, "5ce7e").unwrap_err();
+        assert!(matches!(&error, CheckpointError::NoneValid { reasons, .. } if reasons.len() == 2), "{name}");
+    }
 }
 
 #[test]

@@ -114,8 +114,152 @@ fn the_same_box_from_every_format() {
     assert_eq!(plain(&file("continued.obj", continued)), same);
 }
 
+/// The box as PLY: with properties and elements that nobody asked for.
+fn ply(format: &str) -> Vec<u8> {
+    let mut bytes = format!(
+        "ply\r\nformat {format} 1.0\ncomment a box\nelement mark 2\nproperty short a\nproperty list uchar double b\n\
+         element vertex 8\nproperty float x\nproperty double y\nproperty uchar red\nproperty float64 z\n\
+         element face 6\nproperty list uchar int vertex_indices\nproperty int8 group\nend_header\n"
+    )
+    .into_bytes();
+    // Each number with the bytes of its type, in either order or as text.
+    let mut put = |value: f64, little: &[u8], ends: bool| match format {
+        "ascii" => bytes.extend(format!("{value}{}", if ends { "\n" } else { " " }).into_bytes()),
+        "binary_little_endian" => bytes.extend(little),
+        _ => bytes.extend(little.iter().rev()),
+    };
+    for mark in [-300, 7_i16] {
+        put(f64::from(mark), &mark.to_le_bytes(), false);
+        put(2.0, &[2], false);
+        put(0.5, &0.5_f64.to_le_bytes(), false);
+        put(1e9, &1e9_f64.to_le_bytes(), true);
+    }
+    for [x, y, z] in (0..8).map(corner) {
+        put(x, &(x as f32).to_le_bytes(), false);
+        put(y, &y.to_le_bytes(), false);
+        put(200.0, &[200], false);
+        put(z, &z.to_le_bytes(), true);
+    }
+    for face in FACES {
+        put(4.0, &[4], false);
+        for index in face {
+            put(index as f64, &(index as i32).to_le_bytes(), false);
+        }
+        put(-1.0, &[0xff], true);
+    }
+    bytes
+}
+
 #[test]
-fn polygons_become_fans() {
+fn the_same_box_from_ply() {
+    let same = plain(&file("like.stl", ascii(&triangles())));
+    for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
+        assert_eq!(plain(&file(&format!("{format}.ply"), ply(format))), same, "{format}");
+    }
+    let other = String::from_utf8(ply("ascii")).unwrap().replace("vertex_indices", "Vertex_Index");
+    assert_eq!(plain(&file("index.ply", other)), same);
+}
+
+#[test]
+fn mistakes_in_ply_files_are_named() {
+    let text = String::from_utf8(ply("ascii")).unwrap();
+    let changed = |name: &str, from: &str, to: &str| {
+        assert!(text.contains(from), "{from}");
+        message(&format!("{name}.ply"), text.replacen(from, to, 1))
+    };
+    let lines = text.lines().count();
+    for (got, expected) in [
+        (message("empty.ply", ""), "is cut short: it ends at byte 0, before `end_header`".to_owned()),
+        (message("solid.ply", "solid x\n"), ", line 1: expected `ply`, found `solid x`".to_owned()),
+        (
+            message("half.ply", &text[..60]),
+            "is cut short: it ends at byte 60, before `end_header`".to_owned(),
+        ),
+        (changed("format", "ascii", "text"), ", line 2: expected `ascii`, `binary_little_endian`".to_owned()),
+        (changed("type", "short a", "word a"), ", line 5: expected `property`, a type such as".to_owned()),
+        (changed("count", "vertex 8", "vertex many"), ", line 7: expected `element`, a name and".to_owned()),
+        (
+            changed("less", "float64 z", "float64 w"),
+            "expected vertices with the properties x, y and z".to_owned(),
+        ),
+        (
+            changed("list", "vertex_indices", "corners"),
+            "expected faces with a list vertex_indices".to_owned(),
+        ),
+        (changed("word", "0.125", "o.125"), ", line 22: expected a number, found `o.125`".to_owned()),
+        (changed("inf", "0.125", "inf"), ", line 22: a coordinate is inf".to_owned()),
+        (changed("few", "face 6", "face 7"), format!("is cut short: it ends at line {}", lines + 1)),
+        (
+            changed("index", "4 0 2 3 1 -1", "4 0 2 8 1 -1"),
+            "a face names vertex 8, but the file has vertices 0 to 7".to_owned(),
+        ),
+        (changed("fraction", "4 0 2 3 1 -1", "4 0 2 .5 1 -1"), "a face names vertex 0.5, but".to_owned()),
+    ] {
+        assert!(got.contains(&expected), "{got}\ninstead of\n{expected}");
+    }
+    let binary = ply("binary_little_endian");
+    let cut = message("cut.ply", &binary[..binary.len() - 3]);
+    assert!(cut.contains(&format!("is cut short: it ends at byte {}", binary.len() - 3)), "{cut}");
+    // A count is believed no further than there are bytes.
+    let at = binary.windows(8).position(|w| w == b"vertex 8").unwrap();
+    let huge = [&binary[..at], b"vertex 18446744073709551615", &binary[at + 8..]].concat();
+    assert!(message("huge.ply", huge).contains("is cut short"));
+}
+
+/// Area of a flat mesh in the plane z = 0, counted by winding.
+fn flat_area(mesh: &TriMesh) -> f64 {
+    let corners = mesh.triangles.iter().map(|t| t.map(|i| mesh.vertices[i as usize]));
+    corners.map(|[a, b, c]| 0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))).sum()
+}
+
+#[test]
+fn polygons_need_not_be_convex() {
+    // An L of three unit squares from each of its corners, upright and lying, wound either way.
+    let corners = [[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]];
+    for start in 0..6 {
+        let mut turned = corners;
+        turned.rotate_left(start);
+        for mirrored in [false, true] {
+            if mirrored {
+                turned.reverse();
+            }
+            let mut text = String::new();
+            for [x, y] in turned {
+                writeln!(text, "v {x} {y} 0").unwrap();
+            }
+            let (mesh, report) = plain(&file("l.obj", text.clone() + "f 1 2 3 4 5 6\n"));
+            assert_eq!((report.triangles, report.open_edges, report.flipped), (4, 6, 0));
+            let area = flat_area(&mesh);
+            assert!((area - if mirrored { -3.0 } else { 3.0 }).abs() < 1e-14, "{start} {mirrored}: {area}");
+            // No triangle reaches into the notch.
+            for t in &mesh.triangles {
+                let [x, y] =
+                    [0, 1].map(|k| t.iter().map(|i| mesh.vertices[*i as usize][k]).sum::<f64>() / 3.0);
+                assert!(x < 1.0 || y < 1.0, "a triangle about ({x}, {y})");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_star_of_too_many_corners_is_refused() {
+    let mut text = String::new();
+    let n = 10_002;
+    for k in 0..n {
+        let (angle, r) = (2.0 * PI * f64::from(k) / f64::from(n), f64::from(1 + k % 2));
+        writeln!(text, "v {} {} 0", r * angle.cos(), r * angle.sin()).unwrap();
+    }
+    text.push('f');
+    (1..=n).for_each(|k| write!(text, " {k}").unwrap());
+    let error = message("star.obj", text);
+    assert_eq!(
+        error,
+        "mesh file `FILE`, line 10003: a face of 10002 corners is not convex; cut it into triangles where it was drawn"
+    );
+}
+
+#[test]
+fn convex_polygons_become_fans() {
     // A hexagonal pyramid without its mantle: one face of six corners, area 3√3/2 · r².
     let mut text = String::new();
     for k in 0..6 {
@@ -124,12 +268,7 @@ fn polygons_become_fans() {
     }
     let (mesh, report) = plain(&file("hexagon.obj", text + "f 1 2 3 4 5 6\n"));
     assert_eq!((report.triangles, report.open_edges, report.flipped), (4, 6, 0));
-    let area: f64 = mesh
-        .triangles
-        .iter()
-        .map(|t| t.map(|i| mesh.vertices[i as usize]))
-        .map(|[a, b, c]| 0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])))
-        .sum();
+    let area = flat_area(&mesh);
     assert!((area - 1.5 * 3f64.sqrt()).abs() < 1e-14, "{area}");
 }
 
@@ -214,7 +353,7 @@ fn transform_scales_then_rotates_then_translates() {
 
     let large = read(&path, &Transform::scaled(100.0)).unwrap().1.to_string();
     assert!(large.contains("50 × 25 × 12.5 m,"), "{large}");
-    assert!(large.ends_with("if it was drawn in millimetres, set scale = 0.001"), "{large}");
+    assert!(large.ends_with("if it was drawn in millimetres, set unit = \"mm\""), "{large}");
 
     let refused = |t: Transform| read(&path, &t).unwrap_err().to_string();
     assert!(refused(Transform::scaled(0.0)).contains("scale [0.0, 0.0, 0.0] flattens the mesh"));
@@ -296,7 +435,10 @@ fn files_that_are_not_there_or_of_another_kind() {
     assert!(at("nowhere.stl").ends_with("nowhere.stl` does not exist: check the name and the folder"));
     fs::create_dir_all(Path::new(env!("CARGO_TARGET_TMPDIR")).join("folder.obj")).unwrap();
     assert!(at("folder.obj").starts_with("cannot read mesh file"));
-    assert!(at("x.step").ends_with("unknown format `.step`; known are .stl (ASCII or binary) and .obj"));
+    assert!(
+        at("x.step")
+            .ends_with("unknown format `.step`; known are .stl, .ply (each ASCII or binary) and .obj")
+    );
     assert_eq!(message("empty.stl", ""), "mesh file `FILE` has no triangles");
     assert_eq!(message("none.stl", "solid x\nendsolid x\n"), "mesh file `FILE` has no triangles");
     assert_eq!(message("none-binary.stl", binary("", &[])), "mesh file `FILE` has no triangles");

@@ -218,7 +218,9 @@ mod dir {
             fs::read_to_string(&study).unwrap(),
             "# copied by glebe\n# --set points=4 seed=1\nscene = \"s\"\n"
         );
+        assert!(OutputDir::is_vacant(&path).unwrap(), "there is no journal yet");
         touch(&path.join("journal.jsonl"), "");
+        assert!(!OutputDir::is_vacant(&path).unwrap());
         assert_eq!(OutputDir::open_study(&path).unwrap().path(), path);
         OutputDir::create(&path, true).unwrap();
         assert_eq!(files(&path), [""; 0]);
@@ -227,6 +229,31 @@ mod dir {
         assert!(matches!(dir.write_study("", &[]), Err(OutputError::Foreign { .. })));
         assert_eq!(fs::read_to_string(&study).unwrap(), "scene = \"mine\"\n");
         assert!(OutputDir::open_study(&path).unwrap_err().to_string().contains("holds no journal"));
+    }
+
+    #[test]
+    fn what_a_killed_run_left_unfinished_goes() {
+        let path = place("killed");
+        for left in ["frames/.glebe-partial-7-2", "checkpoint/.glebe-partial-7-3", ".glebe-partial-7-1"] {
+            touch(&path.join(left), "half");
+        }
+        touch(&path.join("checkpoint/000004.glebe"), "");
+        OutputDir::open_existing(&path).unwrap();
+        assert_eq!(files(&path), ["checkpoint/000004.glebe"]);
+    }
+
+    #[test]
+    fn a_run_killed_before_its_first_checkpoint_leaves_a_folder_as_good_as_new() {
+        let path = place("vacant");
+        assert!(!OutputDir::is_vacant(&path).unwrap(), "there is no folder");
+        touch(&path.join(".glebe-partial-7-0"), "");
+        touch(&path.join("checkpoint/.glebe-partial-7-1"), "half");
+        assert!(OutputDir::is_vacant(&path).unwrap());
+        OutputDir::create(&path, false).unwrap();
+        assert_eq!(files(&path), [""; 0]);
+        touch(&path.join("checkpoint/000000.glebe"), "");
+        assert!(!OutputDir::is_vacant(&path).unwrap());
+        assert!(OutputDir::create(&path, false).is_err());
     }
 }
 

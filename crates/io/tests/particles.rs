@@ -5,6 +5,7 @@
 use std::{collections::BTreeMap, fs, path::Path};
 
 use glebe_engine::spec::ParticleSet;
+use glebe_io::output::vtp::{Column, PolyData, Values};
 use glebe_io::particles::{ParticleColumns, ParticleError, read};
 
 fn parse(name: &str, content: &str) -> Result<ParticleColumns, ParticleError> {
@@ -49,6 +50,145 @@ fn positions_and_radii() {
 }
 
 #[test]
+fn headings_with_units_and_as_paraview_writes_them() {
+    let columns = parse(
+        "units",
+        "x [mm],y (cm),z,R[um],vx [km/h],vy [m/s],vz,wx [rpm],wy,wz\n8.5,20,3,850,3.6,1,2,60,0,0\n",
+    );
+    let set = columns.unwrap().into_set(&BTreeMap::new(), Some(0)).unwrap();
+    assert_eq!((set.position[0], set.radius[0]), ([0.0085, 0.2, 3.0], 0.00085));
+    assert!(
+        (set.velocity[0][0] - 1.0).abs() < 1e-15 && (set.spin[0][0] - std::f64::consts::TAU).abs() < 1e-14
+    );
+
+    let spreadsheet = "\"Point ID\",\"Points:0\",\"Points:1\",\"Points:2\",\"Points_Magnitude\",\"radius\",\
+                       \"velocity:0\",\
+                       \"velocity:1\",\"velocity:2\"\n0,1,2,3,3.74,0.5,4,5,6\n";
+    for (name, text) in [("colon", spreadsheet.to_owned()), ("underscore", spreadsheet.replace(':', "_"))] {
+        let columns = parse(name, &text).unwrap();
+        assert_eq!(columns.ignored, ["Point ID", "Points_Magnitude"]);
+        assert_eq!((columns.position[0], columns.radius[0]), ([1.0, 2.0, 3.0], 0.5));
+        assert_eq!(columns.velocity, [[4.0, 5.0, 6.0]]);
+    }
+
+    assert_eq!(
+        message("furlong", "x [furlong],y,z,R\n0,0,0,1\n"),
+        "particle file `FILE`, line 1: column `x [furlong]`: `furlong` is not a known unit"
+    );
+    assert_eq!(
+        message("mass", "x,y,z,R [kg]\n0,0,0,1\n"),
+        "particle file `FILE`, line 1: column `R [kg]`: `kg` is a mass, not a length"
+    );
+    assert!(message("both", "x,y,z,R,radius [mm]\n").contains("two columns mean `R`"));
+}
+
+/// As GPUDEM writes its particles: text in tabs and columns, no more than points and radii.
+const GPUDEM: &str = "<?xml version=\"1.0\"?>\n\
+    <VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n\
+    \t<UnstructuredGrid>\n\t\t<Piece NumberOfPoints=\"2\" NumberOfCells=\"0\">\n\t\t\t<!-- Particle positions -->\n\
+    \t\t\t<Points>\n<DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\">\n\
+    \t  -0.5  0.25 4\n\t 1e-1 2  .5\n\
+    \t</DataArray>\n</Points>\n<Cells>\n\
+    <DataArray type=\"Int32\" Name=\"offsets\" format=\"ascii\">\n</DataArray>\n</Cells>\n\
+    <PointData Scalars=\"Radius\">\n<DataArray type=\"Float32\" Name=\"Radius\" format=\"ascii\">\n0.125\n0.01\n\
+    </DataArray>\n</PointData>\n<CellData>\n</CellData>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n";
+
+#[test]
+fn vtu_as_gpudem_writes_it_and_vtp_as_we_do() {
+    let columns = parse("gpudem-vtu", GPUDEM).unwrap();
+    assert_eq!(columns.position, [[-0.5, 0.25, 4.0], [0.1, 2.0, 0.5]]);
+    assert_eq!(columns.radius, [0.125, 0.01]);
+    assert!(columns.velocity.is_empty() && columns.spin.is_empty() && columns.ignored.is_empty());
+    let error = columns.clone().into_set(&materials(), None).unwrap_err().to_string();
+    assert!(error.contains("has no column `material`"), "{error}");
+    assert_eq!(columns.into_set(&materials(), Some(2)).unwrap().material, [2, 2]);
+
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("particles-own.vtp");
+    let (positions, speeds) = ([[0.1, 0.2, 1.0 / 3.0], [0.5, 0.0, -0.0]], [[1.0_f32, 2.0, 3.0], [0.0; 3]]);
+    let own = PolyData {
+        points: Values::Vec3F64(&positions),
+        triangles: None,
+        point_data: vec![
+            Column::new("id", Values::U32(&[7, 8])),
+            Column::new("radius", Values::F32(&[0.5, 0.25])),
+            Column::new("material", Values::U32(&[1, 0])),
+            Column::new("velocity", Values::Vec3F32(&speeds)),
+            Column::new("angular_velocity", Values::Vec3F32(&speeds)),
+        ],
+        cell_data: Vec::new(),
+    };
+    own.write(&path, 0.5).unwrap();
+    let columns = read(&path).unwrap();
+    assert_eq!(columns.ignored, ["id"]);
+    let set = columns.clone().into_set(&materials(), None).unwrap();
+    assert_eq!((set.position, set.radius, set.material), (positions.to_vec(), vec![0.5, 0.25], vec![1, 0]));
+    assert_eq!((set.velocity[0], set.spin[0]), ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]));
+    assert_eq!(
+        columns.clone().into_set(&materials(), Some(2)).unwrap().material,
+        [2, 2],
+        "the scene's word counts"
+    );
+    let few = [("soil".to_owned(), 0)].into();
+    let error = columns.into_set(&few, None).unwrap_err().to_string();
+    assert!(
+        error.contains(
+            "particle 0 (from 0): its material is number 1, but the scene has the materials 0 to 0"
+        ),
+        "{error}"
+    );
+}
+
+#[test]
+fn mistakes_in_vtk_files_are_named() {
+    let changed = |name: &str, from: &str, to: &str| {
+        assert!(GPUDEM.contains(from), "{from}");
+        message(name, &GPUDEM.replacen(from, to, 1))
+    };
+    for (got, expected) in [
+        (changed("v-word", "0.25", "O.25"), ", line 10: the array holds `O.25`, which is not a number"),
+        (
+            changed("v-few", "NumberOfPoints=\"2\"", "NumberOfPoints=\"3\""),
+            "the array has 6 values where 9 should be",
+        ),
+        (changed("v-many", "0.125", "0.125 3"), "`Radius` has 3 values where 2 should be"),
+        (changed("v-zero", "0.125", "0"), "particle 0 (from 0): Radius is 0; it must be greater than 0"),
+        (changed("v-nan", "0.01", "nan"), "particle 1 (from 0): Radius is NaN; numbers must be finite"),
+        (
+            changed("v-inf", "1e-1", "1e999"),
+            "particle 1 (from 0): a coordinate is inf; numbers must be finite",
+        ),
+        (changed("v-none", "Name=\"Radius\"", "Name=\"size\""), "no array `radius` belongs to its points"),
+        (
+            changed("v-flat", "NumberOfComponents=\"3\"", "NumberOfComponents=\"2\""),
+            "has 2 coordinates for each point instead of 3",
+        ),
+        (changed("v-type", "Float32", "Float16"), "`Float16` is not a type of numbers"),
+        (
+            changed("v-format", "format=\"ascii\"", "format=\"words\""),
+            "has the format `words`; known are ascii",
+        ),
+        (
+            changed("v-grid", "UnstructuredGrid", "ImageData"),
+            "line 2: this holds `ImageData`; particles are read from",
+        ),
+        (
+            changed("v-appended", "format=\"ascii\"", "format=\"appended\" offset=\"0\""),
+            "the file ends before the appended data",
+        ),
+        (changed("v-tag", "</Points>", "</Point>"), "this is not XML"),
+        (
+            changed("v-huge", "NumberOfPoints=\"2\"", "NumberOfPoints=\"9223372036854775807\""),
+            "cannot be that long",
+        ),
+        (message("v-cut", &GPUDEM[..GPUDEM.find("0.125").unwrap()]), "is cut short: it ends within an array"),
+        (message("v-other", "<html></html>"), "there is no element VTKFile"),
+        (message("v-start", "<"), "this is not XML"),
+    ] {
+        assert!(got.contains(expected), "{got}\ninstead of\n{expected}");
+    }
+}
+
+#[test]
 fn velocities_spins_and_materials() {
     let content = "id,x,y,z,R,VX,vy,vz,wx,wy,wz,Material\n\
                    1,0,0,0,1,1,2,3,4,5,6,steel\n2,0,0,5,1,0,0,0,0,0,0,soil\n3,0,0,9,1,0,0,0,0,0,0,steel\n";
@@ -86,14 +226,14 @@ fn mistakes_are_named_with_line_and_column() {
     assert_eq!(message("header-only", "x,y,z,R\n"), empty);
 
     assert_eq!(
-        message("no-r", "x,y,z,radius\n0,0,0,1\n"),
-        "particle file `FILE`, line 1: no column `R` among `x`, `y`, `z`, `radius`; known are x, y, z, R (needed), \
-         vx, vy, vz, wx, wy, wz and material"
+        message("no-r", "x,y,z,diameter\n0,0,0,1\n"),
+        "particle file `FILE`, line 1: no column `R` among `x`, `y`, `z`, `diameter`; known are x, y, z, R (needed), \
+         vx, vy, vz, wx, wy, wz and material, each with a unit if need be, such as `R [mm]`"
     );
     assert!(message("no-vz", "\nx,y,z,R,vx,vy\n0,0,0,1,0,0\n").contains("line 2: no column `vz` among `x`"));
     assert_eq!(
         message("twice", "x,y,z,R,X\n0,0,0,1,0\n"),
-        "particle file `FILE`, line 1: two columns are called `X` (case does not matter): rename or remove one"
+        "particle file `FILE`, line 1: two columns mean `x`: rename or remove one"
     );
     assert_eq!(
         message("three", "0,0,1\n"),

@@ -12,7 +12,7 @@ use glebe_engine::spec::{Action, Measure, Shape, Window};
 use glebe_io::mesh::{StlFormat, write_stl};
 use glebe_io::scene::{BuiltScene, SceneError};
 use glebe_io::tool::Sweep;
-use scene_common::{EXAMPLE, edited, good, single};
+use scene_common::{EXAMPLE, edited, good, only, single};
 
 /// A folder of its own that goes away with the test.
 struct Folder(PathBuf);
@@ -103,6 +103,26 @@ fn a_turned_and_scaled_shape_stands_where_it_should() {
         );
     }
     assert!((mesh.report.volume.unwrap() - 0.006).abs() < 1e-12);
+}
+
+#[test]
+fn a_file_in_another_unit_is_read_in_it() {
+    let folder = with_sweep(Folder::new("unit"));
+    let few = EXAMPLE.replace("count = 38912", "count = 10");
+    let size = |more: &str| {
+        let text = few.replace("file = \"sweep.stl\"", &format!("file = \"sweep.stl\"\n{more}"));
+        folder.build(&text).unwrap().meshes[0].report.size()
+    };
+    let metres = size("");
+    for (more, factor) in
+        [("unit = \"mm\"", 1e-3), ("unit = \"in\"", 0.0254), ("unit = \"cm\"\nscale = 2", 0.02)]
+    {
+        for (k, length) in size(more).into_iter().enumerate() {
+            assert!((length / (factor * metres[k]) - 1.0).abs() < 1e-12, "{more}: {length}");
+        }
+    }
+    let error = only(&few.replace("file = \"sweep.stl\"", "sweep = {}\nunit = \"mm\""));
+    assert!(error.message().contains("with `unit` needs `file`"), "{error}");
 }
 
 #[test]

@@ -4,7 +4,8 @@
 
 mod scene_common;
 
-use glebe_io::scene::{Scene, SceneError};
+use glebe_engine::generate::SizeDistribution;
+use glebe_io::scene::{Origin, Scene, SceneError};
 use scene_common::{EXAMPLE, all, edited, full_text, good, only, report};
 
 #[test]
@@ -483,4 +484,27 @@ fn no_text_makes_the_reader_panic() {
         }
     }
     assert!(refused > EXAMPLE.len(), "only {refused} were refused");
+}
+
+#[test]
+fn sieve_curves_are_read_and_their_mistakes_named() {
+    let with = |opening: &str, passing: &str| {
+        let curve = format!("radius = {{ sieve = {{ opening = {opening}, passing = {passing} }} }}");
+        edited("radius = { uniform = [\"7 mm\", \"10 mm\"] }", &curve)
+    };
+    let scene = good(&with("[\"4 mm\", \"8 mm\", 0.016]", "[0, \"30 %\", 1]"), &[]);
+    let Origin::Generated { sizes, .. } = &scene.particles[0].origin else { panic!("generated") };
+    assert_eq!(*sizes, SizeDistribution::Sieve(vec![(0.002, 0.0), (0.004, 0.3), (0.008, 1.0)]));
+    for (opening, passing, message) in [
+        ("[0.004, 0.008, 0.016]", "[0, 1]", "a sieve curve of 3 openings and 2 shares"),
+        ("[0.008, 0.004]", "[0, 1]", "the opening 0.004 m follows 0.008 m"),
+        ("[0.004, 0.006, 0.008, 0.01]", "[0, 0.5, 0.4, 1]", "the share 0.4 follows 0.5"),
+        ("[0.004, 0.008]", "[\"10 %\", 1]", "the shares go from 0.1 to 1"),
+        ("[0.004]", "[0, 1]", "`particles.bed.radius.sieve.opening` is a list of 1"),
+        ("[0.004, \"8 kg\"]", "[0, 1]", "`8 kg` is a mass, not a length"),
+        ("[0.004, 0.008]", "[0, 2]", "`particles.bed.radius.sieve.passing` is 2"),
+    ] {
+        let error = only(&with(opening, passing));
+        assert!(error.message().contains(message), "{error:#}");
+    }
 }

@@ -152,7 +152,7 @@ fn every_key_arrives() {
     assert_eq!(scene.local_damping, 0.2);
     assert_eq!(scene.particles[0].velocity, [0.0, 0.0, -1.0]);
     let sizes = |i: usize| match &scene.particles[i].origin {
-        Origin::Generated { sizes, .. } => *sizes,
+        Origin::Generated { sizes, .. } => sizes.clone(),
         _ => panic!("not generated"),
     };
     let SizeDistribution::Normal { min, max, .. } = sizes(0) else { panic!("not normal") };
@@ -240,7 +240,7 @@ fn later_overrides_win() {
     let scene = with(EXAMPLE, &sets);
     assert_eq!(scene.seed, 4);
     let Origin::Generated { sizes, count, .. } = &scene.particles[0].origin else { panic!("not generated") };
-    assert_eq!((*count, *sizes), (5, SizeDistribution::Uniform { min: 0.01, max: 0.02 }));
+    assert_eq!((*count, sizes.clone()), (5, SizeDistribution::Uniform { min: 0.01, max: 0.02 }));
 }
 
 #[test]

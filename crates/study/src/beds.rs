@@ -65,13 +65,11 @@ impl Bed {
         let moved = spec.stages.get(stages).map_or(&[][..], |s| &s.moves);
         let moved: Vec<usize> =
             moved.iter().map(|(s, _)| *s).filter(|s| !dormant[*s]).map(|s| awake(&dormant, s)).collect();
-        // Any number of threads gives the same bits.
-        let device = if backend == Backend::Cpu { backend.name().to_owned() } else { backend.device() };
         let particles = State { particles: fresh.particles.clone(), ..State::default() };
         let key = Digest::default()
             .debug(&env!("CARGO_PKG_VERSION"))
             .debug(&program()?)
-            .debug(&device)
+            .debug(&backend.maker())
             .debug(&leading(spec, stages, &dormant))
             .debug(&moved)
             .debug(&constants.dt)
@@ -90,6 +88,7 @@ impl Bed {
         let found = checkpoint::read(&path).ok().filter(|c| c.header.scene_hash == self.key)?;
         let mut state = State::from_bytes(&found.state).ok()?;
         self.wake(constants, &mut state);
+        state.belongs_to(constants).ok()?;
         // Beds in use are young.
         let _ = fs::File::open(&path).and_then(|f| f.set_modified(SystemTime::now()));
         Some(state)

@@ -57,8 +57,8 @@ pub struct Outcome {
     pub status: summary::Status,
     /// Why it is not done.
     pub reason: Option<String>,
-    /// Digest of its complete state.
-    pub state_hash: String,
+    /// Digest of its complete state; none if it was lost with the device.
+    pub state_hash: Option<String>,
     /// Its particles.
     pub particles: summary::Particles,
     /// The stages that ended.
@@ -214,8 +214,11 @@ impl Drive {
         }
         let Role::Settles(bed, waiting) = std::mem::replace(role, Role::Alone) else { return };
         let mut state = None;
-        if bed.stages == stage && !failed {
-            let mut asleep = self.batch.state(w);
+        // If the backend failed, the next step tells of it.
+        if bed.stages == stage
+            && !failed
+            && let Ok(mut asleep) = self.batch.sound_state(w)
+        {
             bed.send_to_sleep(&mut asleep);
             if let Some(folder) = &self.folder
                 && let Err(error) = bed.store(&asleep, folder)
@@ -240,17 +243,20 @@ impl Drive {
     /// What a world came to, so far or in the end.
     pub fn outcome(&self, w: usize) -> Outcome {
         let (c, g) = (self.batch.constants(w), self.batch.progress(w));
-        let (status, reason) = match self.batch.status(w) {
-            Status::Done => (summary::Status::Done, None),
-            Status::Failed(failure) => (summary::Status::Failed, Some(failure.to_string())),
-            Status::Running | Status::Waiting => {
+        let state = self.batch.sound_state(w);
+        let (status, reason) = match (self.batch.status(w), &state) {
+            (Status::Failed(failure), _) | (_, Err(failure)) => {
+                (summary::Status::Failed, Some(failure.to_string()))
+            }
+            (Status::Done, _) => (summary::Status::Done, None),
+            (Status::Running | Status::Waiting, _) => {
                 (summary::Status::Interrupted, Some("stopped by the user".to_owned()))
             }
         };
         Outcome {
             status,
             reason,
-            state_hash: self.batch.state(w).hash(),
+            state_hash: state.ok().map(|state| state.hash()),
             particles: summary::Particles {
                 count: self.batch.particles(w) as u64,
                 lost: g.lost.iter().map(lost).collect(),

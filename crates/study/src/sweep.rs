@@ -162,15 +162,15 @@ impl Row {
 /// A folder that cannot be used, a journal of another study, a full disk.
 pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Result<Summary, SweepError> {
     let started = Instant::now();
-    let device = match settings.backend {
-        // Any number of threads gives the same bits.
-        Backend::Cpu => settings.backend.name().to_owned(),
-        other => other.device(),
+    let head = Head {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        study_hash: plan.digest(),
+        device: settings.backend.maker(),
     };
-    let head = Head { version: env!("CARGO_PKG_VERSION").to_owned(), study_hash: plan.digest(), device };
     let mut warnings = plan.warnings.clone();
     let mut rows: BTreeMap<usize, Row> = BTreeMap::new();
-    let (dir, journal) = if settings.existing == Existing::Resume {
+    let vacant = OutputDir::is_vacant(&settings.out)?;
+    let (dir, journal) = if settings.existing == Existing::Resume && !vacant {
         let dir = OutputDir::open_study(&settings.out)?;
         let path = dir.journal();
         let (found, ended, journal) = Journal::resume::<Head, Row>(&path)?;
@@ -193,6 +193,9 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
         (dir, journal)
     } else {
         let dir = OutputDir::create(&settings.out, settings.existing == Existing::Replace)?;
+        if settings.existing == Existing::Resume {
+            listener.note("nothing was kept before the sweep ended: it begins again");
+        }
         dir.write_study(&plan.study.text, &settings.sets)?;
         let journal = Journal::create(&dir.journal(), &head)?;
         (dir, journal)
@@ -202,7 +205,7 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
             rows.insert(w, Row::not_run(w, summary::Status::Refused, reason(errors)));
         }
     }
-    let mut sweep = Sweep { plan, settings, dir, journal, rows, steps: 0, particle_steps: 0.0 };
+    let mut sweep = Sweep { plan, settings, dir, journal, rows, lost: None, steps: 0, particle_steps: 0.0 };
     let pending: Vec<usize> = (0..plan.worlds.len()).filter(|w| !sweep.rows.contains_key(w)).collect();
     let batches = plan.batches(&pending, settings.batches, settings.memory);
     if batches.len() > 1 {
@@ -212,7 +215,7 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
     for (k, batch) in batches.iter().enumerate() {
         let later = batches[k + 1..].iter().flatten().map(steps).sum();
         warnings.extend(sweep.batch(batch, later, listener)?);
-        if listener.interrupted() {
+        if listener.interrupted() || sweep.lost.is_some() {
             break;
         }
     }
@@ -231,6 +234,8 @@ struct Sweep<'a> {
     dir: OutputDir,
     journal: Journal,
     rows: BTreeMap<usize, Row>,
+    /// Why the device was lost, if it was.
+    lost: Option<String>,
     steps: u64,
     particle_steps: f64,
 }
@@ -302,12 +307,13 @@ impl Sweep<'_> {
         if planned.is_ok_and(|facts| facts.scene_hash != made.scene_hash) {
             return Err("a file that the scene names was changed while the sweep ran".to_owned());
         }
-        if let Some(why) = self.settings.backend.refusal(&made.constants) {
+        if let Some(why) = self.settings.backend.refusal(std::slice::from_ref(&made.constants)) {
             return Err(format!("{why}; run the study with --device cpu"));
         }
         let found =
             checkpoint::read(&self.checkpoint(w)).ok().filter(|c| c.header.scene_hash == made.scene_hash);
         let saved = found.and_then(|found| State::from_bytes(&found.state).ok());
+        let saved = saved.filter(|state| state.belongs_to(&made.constants).is_ok());
         Ok((made.constants, saved.unwrap_or(made.state)))
     }
 
@@ -319,12 +325,17 @@ impl Sweep<'_> {
         listener: &mut dyn Listener,
     ) -> Result<(), SweepError> {
         let outcome = drive.outcome(k);
+        let Some(state_hash) = outcome.state_hash else {
+            // The world is left: a device may be well again.
+            self.lost = outcome.reason;
+            return Ok(());
+        };
         let (c, g) = (drive.batch().constants(k), drive.batch().progress(k));
         let row = Row {
             world,
             status: outcome.status,
             reason: outcome.reason,
-            state_hash: Some(outcome.state_hash),
+            state_hash: Some(state_hash),
             particles: outcome.particles.count,
             lost: outcome.particles.lost.len() as u64,
             stages: outcome.stages,
@@ -369,16 +380,14 @@ impl Sweep<'_> {
             if *batch.status(k) != Status::Running || g.step == 0 {
                 continue;
             }
-            let state = batch.state(k);
-            if batch.fault(k).is_some() {
-                continue;
-            }
+            let Ok(state) = batch.sound_state(k) else { continue };
             let Ok(facts) = &self.plan.worlds[world].fate else { continue };
             let header = Header {
                 glebe_version: env!("CARGO_PKG_VERSION").to_owned(),
                 scene_hash: facts.scene_hash.clone(),
                 step: g.step,
                 time: batch.time(k),
+                device: batch.backend().maker(),
                 ..Header::default()
             };
             let folder = self.dir.checkpoints();

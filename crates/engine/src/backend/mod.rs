@@ -36,6 +36,15 @@ impl Unavailable {
     }
 }
 
+/// Memory that worlds need where they run \[bytes\].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Memory {
+    /// What they need at first; crowds whose lists grow need more.
+    pub needed: u64,
+    /// What the device has, where it is known.
+    pub device: Option<u64>,
+}
+
 /// A batch of worlds on a device.
 pub trait Fleet: Send {
     /// Advances worlds, each by its own number of steps. A world that fails stops there; the rest go on.
@@ -57,6 +66,9 @@ pub trait Fleet: Send {
     /// Bytes of memory per particle of a world.
     fn bytes_per_particle(&self, world: usize) -> f64;
 }
+
+/// Memory of a particle in a dense bed: state, lists, contact history \[bytes\].
+pub const BYTES_PER_PARTICLE: f64 = 700.0;
 
 /// Steps asked of one world.
 pub struct Job<'a> {
@@ -182,14 +194,42 @@ impl Backend {
         }
     }
 
-    /// Why a world cannot be run on the backend.
+    /// What the bits of a run belong to: the name of the backend on the host, where any number of threads
+    /// gives the same; elsewhere the device.
+    pub fn maker(self) -> String {
+        match self {
+            Self::Cpu | Self::Reference => self.name().to_owned(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) => self.device(),
+        }
+    }
+
+    /// Why worlds cannot be run together on the backend.
     #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "the host runs any world"))]
-    pub fn refusal(self, constants: &Constants) -> Option<String> {
+    pub fn refusal(self, worlds: &[Arc<Constants>]) -> Option<String> {
         match self {
             #[cfg(feature = "gpu")]
-            Self::Gpu(accelerator) => {
-                gpu::refusal(constants).or_else(|| accelerator.crowded(constants.count))
-            }
+            Self::Gpu(accelerator) => accelerator.refusal(worlds),
+            Self::Cpu | Self::Reference => None,
+        }
+    }
+
+    /// Why a world of so many particles has no room on the backend, whatever they are.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "the host runs any world"))]
+    pub fn crowded(self, particles: usize) -> Option<String> {
+        match self {
+            #[cfg(feature = "gpu")]
+            Self::Gpu(accelerator) => accelerator.crowded(particles),
+            Self::Cpu | Self::Reference => None,
+        }
+    }
+
+    /// The memory that worlds need on the backend's device; none for the host, which does not know beforehand.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "the host does not know"))]
+    pub fn memory(self, worlds: &[Arc<Constants>]) -> Option<Memory> {
+        match self {
+            #[cfg(feature = "gpu")]
+            Self::Gpu(accelerator) => Some(accelerator.memory(worlds)),
             Self::Cpu | Self::Reference => None,
         }
     }

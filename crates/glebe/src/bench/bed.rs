@@ -13,12 +13,13 @@ use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
 use glebe_io::checkpoint::{self, CheckpointError, Header};
 use glebe_io::output::OutputError;
-use glebe_physics::{IntegratorKind, LawChoice, Material};
+use glebe_physics::{IntegratorKind, LawChoice};
 use sha2::{Digest, Sha256};
 
 use super::BenchError;
 use super::drum::Drum;
 use super::grading::BedKind;
+use super::tool::{Placed, Tool};
 use crate::cli::Ui;
 use crate::device::admit;
 
@@ -48,10 +49,12 @@ pub enum Mode {
     Settled,
     /// It flows in a rotating drum.
     Flowing,
+    /// A tool is drawn or turned through it.
+    Tilled(Tool),
 }
 
 impl Mode {
-    /// Every mode.
+    /// The modes without a tool.
     pub const ALL: [Self; 2] = [Self::Settled, Self::Flowing];
 
     /// Name in results.
@@ -59,6 +62,7 @@ impl Mode {
         match self {
             Self::Settled => "settled",
             Self::Flowing => "flowing",
+            Self::Tilled(tool) => tool.name(),
         }
     }
 }
@@ -89,19 +93,6 @@ impl std::fmt::Display for Bed {
 }
 
 impl Bed {
-    pub fn material() -> Material {
-        Material {
-            name: "glass".to_owned(),
-            density: 2600.0,
-            youngs_modulus: 2e8,
-            poissons_ratio: 0.3,
-            restitution: 0.5,
-            friction: 0.5,
-            static_friction: 0.5,
-            rolling_friction: 0.01,
-        }
-    }
-
     fn radii(&self) -> Result<Vec<f64>, GenerateError> {
         self.kind.spheres(self.count, SEED)
     }
@@ -109,9 +100,21 @@ impl Bed {
     /// The drum that it flows in, if it does.
     pub fn drum(&self) -> Result<Option<Drum>, GenerateError> {
         Ok(match self.mode {
-            Mode::Settled => None,
+            Mode::Settled | Mode::Tilled(_) => None,
             Mode::Flowing => Some(Drum::about_half_full_of(&self.radii()?)),
         })
+    }
+
+    /// The tool in it, if there is one.
+    pub fn tool(&self) -> Result<Option<Placed>, BenchError> {
+        let Mode::Tilled(tool) = self.mode else { return Ok(None) };
+        Ok(Some(tool.placed(self.count, solid_volume(&self.radii()?))?))
+    }
+
+    /// Stages in which it is prepared.
+    pub fn preparing(&self) -> usize {
+        // Soil settles, then the sweep enters.
+        if matches!(self.mode, Mode::Tilled(Tool::Sweep | Tool::FineSweep)) { 2 } else { 1 }
     }
 
     /// Width of the box \[m\].
@@ -120,20 +123,31 @@ impl Bed {
     }
 
     /// Where the spheres are at first \[m\].
-    fn places(&self, radii: &[f64]) -> Result<Vec<Vec3>, GenerateError> {
-        match self.mode {
+    fn places(&self, radii: &[f64]) -> Result<Vec<Vec3>, BenchError> {
+        let places = match self.mode {
             Mode::Settled => {
                 let width = Self::width(radii);
                 let region = Region::walled([0.0; 3], [width, width, HEADROOM * width]);
                 dense(FillRequest::new(region, radii, SEED))
             }
             Mode::Flowing => generate("rain", &Drum::about_half_full_of(radii).cloud(radii, SEED)),
-        }
+            Mode::Tilled(tool) => {
+                let cloud = tool.placed(self.count, solid_volume(radii))?.cloud;
+                generate("rain", &FillRequest::new(cloud, radii, SEED))
+            }
+        };
+        Ok(places?)
     }
 
     /// The bed's world: it is prepared, warms up, and runs for `steps`. Its particles have the radii given and
     /// are where `place` puts them.
-    fn world(&self, radii: &[f64], place: impl Fn(usize) -> Vec3, steps: u64, ledger: bool) -> WorldSpec {
+    fn world(
+        &self,
+        radii: &[f64],
+        place: impl Fn(usize) -> Vec3,
+        steps: u64,
+        ledger: bool,
+    ) -> Result<WorldSpec, BenchError> {
         let dt = self.kind.step();
         let time = Time { step: Step::Fixed(dt), integrator: IntegratorKind::Euler, force: false };
         let stage = |name: &str, kinetic_energy_below, at_most| Stage {
@@ -142,23 +156,39 @@ impl Bed {
             ..Stage::default()
         };
         let drum = Drum::about_half_full_of(radii);
-        let (domain, surfaces, spin, first) = match self.mode {
+        let weight = solid_volume(radii) * self.kind.material().density * GRAVITY;
+        let (domain, surfaces, spin, leading) = match self.mode {
             Mode::Settled => {
                 let width = Self::width(radii);
                 let sides = [[Side::Wall; 2], [Side::Wall; 2], [Side::Wall, Side::Open]];
                 let domain = Domain::aligned([0.0; 3], [width, width, HEADROOM * width], sides, Some(0));
-                let weight = solid_volume(radii) * Self::material().density * GRAVITY;
                 let settle = stage("settle", Some(SETTLED * weight * 2e-3), SETTLE_MOST);
-                (domain, Vec::new(), [0.0; 3], settle)
+                (domain, Vec::new(), [0.0; 3], vec![settle])
             }
             // The grains turn with the drum from the start.
-            Mode::Flowing => {
-                (drum.domain(), vec![drum.surface()], drum.spin(), stage("develop", None, drum.develop()))
+            Mode::Flowing => (
+                drum.domain(),
+                vec![drum.surface()],
+                drum.spin(),
+                vec![stage("develop", None, drum.develop())],
+            ),
+            Mode::Tilled(tool) => {
+                let placed = tool.placed(self.count, solid_volume(radii))?;
+                let sides = [[Side::Wall; 2], [Side::Wall; 2], [Side::Wall, Side::Open]];
+                let domain = Domain::aligned(placed.region[0], placed.region[1], sides, Some(0));
+                let moving =
+                    Stage { moves: vec![(0, placed.motion)], ..stage("enter", None, placed.develop) };
+                // As the main job: from a fall of a metre the kinetic energy left is a ten-thousandth.
+                let settle = stage("settle", Some(1e-4 * weight), 2.0);
+                let leading = if placed.waits { vec![settle, moving] } else { vec![moving] };
+                (domain, vec![placed.surface], [0.0; 3], leading)
             }
         };
         let mut world = WorldSpec::new(domain, time);
         world.title = format!("{} bed of {}", self.kind.name(), self.count);
-        world.materials = vec![Self::material()];
+        world.materials = vec![self.kind.material()];
+        // Soft soil overlaps deeply where it lands.
+        world.guards.overlap_stops = self.kind != BedKind::Soil;
         world.contact.rolling = LawChoice::named("constant-torque");
         world.gravity = [0.0, 0.0, -GRAVITY];
         world.sampling.series = SAMPLE_STEPS as f64 * dt;
@@ -168,9 +198,11 @@ impl Bed {
             let at = place(i);
             world.particles.push_moving(at, *r, 0, cross(spin, at), spin);
         }
-        world.stages =
-            vec![first, stage("warm up", None, WARM_UP as f64 * dt), stage("timed", None, steps as f64 * dt)];
-        world
+        let moves = leading.last().map_or_else(Vec::new, |s| s.moves.clone());
+        let more = [("first step", 1), ("warm up", WARM_UP), ("timed", steps)];
+        let more = more.map(|(name, n)| Stage { moves: moves.clone(), ..stage(name, None, n as f64 * dt) });
+        world.stages = leading.into_iter().chain(more).collect();
+        Ok(world)
     }
 
     /// Constants of the prepared bed's world. They depend on radii and not on places, which are the state's.
@@ -179,8 +211,12 @@ impl Bed {
         let inside = match self.mode {
             Mode::Settled => [0.5 * Self::width(&radii); 3],
             Mode::Flowing => [0.0; 3],
+            Mode::Tilled(tool) => {
+                let cloud = tool.placed(self.count, solid_volume(&radii))?.cloud;
+                [0, 1, 2].map(|k| 0.5 * (cloud.min[k] + cloud.max[k]))
+            }
         };
-        Ok(prepare(self.world(&radii, |_| inside, steps, ledger))?.0)
+        Ok(prepare(self.world(&radii, |_| inside, steps, ledger)?)?.0)
     }
 
     /// The bed, prepared: from the folder `cache` if it is there, whatever made it, else made, and kept there.
@@ -201,22 +237,24 @@ impl Bed {
     fn prepare(&self, backend: Backend) -> Result<State, BenchError> {
         let radii = self.radii()?;
         let places = self.places(&radii)?;
-        let world = self.world(&radii, |i| places[i], 1, false);
+        let world = self.world(&radii, |i| places[i], 1, false)?;
         let (constants, state) = prepare(world)?;
-        admit(backend, [&*constants])?;
+        admit(backend, std::slice::from_ref(&constants))?;
         let mut batch = Batch::from_states(vec![(constants, state)], backend);
-        while batch.running() && batch.progress(0).stage == 0 {
+        while batch.running() && batch.progress(0).stage < self.preparing() {
             let Ok(()) = batch.advance(&mut Blind);
         }
         match batch.status(0) {
             Status::Failed(_) => Err(BenchError::Stopped { bed: *self, status: batch.status(0).clone() }),
-            _ => Ok(batch.state(0)),
+            _ => batch
+                .sound_state(0)
+                .map_err(|failure| BenchError::Stopped { bed: *self, status: Status::Failed(failure) }),
         }
     }
 
     /// A digest of all that the prepared bed depends on.
     fn key(&self) -> Result<String, BenchError> {
-        let plan = self.world(&self.radii()?, |_| [0.0; 3], 1, false);
+        let plan = self.world(&self.radii()?, |_| [0.0; 3], 1, false)?;
         let what = format!("{} {SOLID_FRACTION} {SEED} {plan:?}", env!("CARGO_PKG_VERSION"));
         // Writing to a string does not fail.
         Ok(Sha256::digest(what).iter().fold(String::new(), |mut hex, byte| {

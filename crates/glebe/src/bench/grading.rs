@@ -1,6 +1,7 @@
 //! How large the spheres of a bed are.
 
 use glebe_engine::generate::{GenerateError, SizeDistribution};
+use glebe_physics::Material;
 
 /// Sizes of a bed's particles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -15,11 +16,13 @@ pub enum BedKind {
     /// R = 1 to 10 mm, equal volumes in equal ratios of size, step 5e-6 s.
     #[value(name = "1:10")]
     OneToTen,
+    /// Soft soil, R = 7 to 10 mm, evenly by number, step 1e-4 s.
+    Soil,
 }
 
 impl BedKind {
     /// Every kind.
-    pub const ALL: [Self; 4] = [Self::Mono, Self::Poly, Self::OneToThree, Self::OneToTen];
+    pub const ALL: [Self; 5] = [Self::Mono, Self::Poly, Self::OneToThree, Self::OneToTen, Self::Soil];
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
@@ -28,6 +31,7 @@ impl BedKind {
             Self::Poly => "poly",
             Self::OneToThree => "1:3",
             Self::OneToTen => "1:10",
+            Self::Soil => "soil",
         }
     }
 
@@ -38,6 +42,7 @@ impl BedKind {
             Self::Poly => [1.6e-3, 2.4e-3],
             Self::OneToThree => [1e-3, 3e-3],
             Self::OneToTen => [1e-3, 1e-2],
+            Self::Soil => [7e-3, 1e-2],
         }
     }
 
@@ -45,17 +50,45 @@ impl BedKind {
     pub fn grading(self) -> &'static str {
         match self {
             Self::Mono => "equal radii",
-            Self::Poly => "even by number",
+            Self::Poly | Self::Soil => "even by number",
             Self::OneToThree | Self::OneToTen => "equal volumes in equal ratios of size",
         }
     }
 
-    /// Time step \[s\]: 25 to 29 % of the Rayleigh time of the smallest.
+    /// Time step \[s\]: 25 to 29 % of the Rayleigh time of the smallest; for soil the main job's, 13 %.
     pub fn step(self) -> f64 {
         match self {
             Self::Mono => 1e-5,
             Self::Poly => 9e-6,
             Self::OneToThree | Self::OneToTen => 5e-6,
+            Self::Soil => 1e-4,
+        }
+    }
+
+    /// What the spheres are made of: glass, or the soil of the tillage template.
+    pub fn material(self) -> Material {
+        let glass = Material {
+            name: "glass".to_owned(),
+            density: 2600.0,
+            youngs_modulus: 2e8,
+            poissons_ratio: 0.3,
+            restitution: 0.5,
+            friction: 0.5,
+            static_friction: 0.5,
+            rolling_friction: 0.01,
+        };
+        match self {
+            Self::Soil => Material {
+                name: "soil".to_owned(),
+                density: 1850.0,
+                youngs_modulus: 2e6,
+                poissons_ratio: 0.38,
+                friction: 0.6,
+                static_friction: 0.7,
+                rolling_friction: 0.03,
+                ..glass
+            },
+            _ => glass,
         }
     }
 
@@ -64,7 +97,7 @@ impl BedKind {
         let [min, max] = self.radii();
         match self {
             Self::Mono => SizeDistribution::Constant(min).sample(count, seed),
-            Self::Poly => SizeDistribution::Uniform { min, max }.sample(count, seed),
+            Self::Poly | Self::Soil => SizeDistribution::Uniform { min, max }.sample(count, seed),
             Self::OneToThree | Self::OneToTen => Ok(equal_volumes(min, max, count)),
         }
     }

@@ -15,6 +15,7 @@ mod drum;
 mod grading;
 mod report;
 mod timing;
+mod tool;
 
 use std::path::PathBuf;
 
@@ -24,12 +25,14 @@ use glebe_engine::batch::Status;
 use glebe_engine::generate::GenerateError;
 use glebe_io::checkpoint::CheckpointError;
 use glebe_io::output::{OutputError, write_atomic};
+use glebe_io::tool::ToolError;
 
 use crate::cli::Ui;
 use crate::device::Device;
 use bed::{Bed, Mode};
 pub use grading::BedKind;
 use timing::Row;
+pub use tool::Tool;
 
 /// Times settled and flowing beds on this machine: particle-steps per second
 #[derive(clap::Args, Clone, Debug)]
@@ -39,10 +42,13 @@ Examples:
   glebe bench --threads 1 --beds mono
   glebe bench --device gpu --sizes 100k,1M --flowing none
   glebe bench --sizes 50k --beds mono,1:3,1:10 --flowing none
+  glebe bench --sizes none --tools sweep,fine-sweep,rotor
   glebe bench --sizes 10k,100k,1M --repeat 5 --out bench.json
 
 Settled beds are dense, random, in an open-topped box. A flowing bed has the same spheres in a
 closed drum, about half full, that turns at a Froude number of 0.1 and needs new lists often.
+Tools are met in soil (R = 7 to 10 mm, the box and sweep of the main job, 0.7 m/s) or, turning at a
+Froude number of 0.1, among mono spheres; boxes and tools shrink and grow with their beds.
 
 Columns of the table:
   rate        particle-steps a second, median of the repeats
@@ -55,14 +61,16 @@ Columns of the table:
   of settled  rate over that of the same spheres settled; both ratios are medians over repeats,
               in which the beds of one size take turns
   bytes/p     memory per particle
+  first       seconds from the bed's state to the end of its first step: on a device with what its
+              kernels take to be compiled, unless a bed above had the same
   lists ...   shares of the phases of a step in the wall time
 
 The first run of a size prepares its beds: minutes for 10k, half an hour for 50k on two cores.
 Later runs find them in the cache.")]
 pub struct BenchArgs {
-    /// Numbers of particles; k and M stand for thousands and millions
-    #[arg(long, value_name = "N,…", value_delimiter = ',', default_value = "10k,50k", value_parser = count)]
-    pub sizes: Vec<usize>,
+    /// Numbers of particles, or none; k and M stand for thousands and millions
+    #[arg(long, value_name = "N,…", value_delimiter = ',', default_value = "10k,50k", value_parser = size)]
+    pub sizes: Vec<Size>,
     /// Sizes of particles: all equal, or from 1 to 1.5, 3 or 10
     #[arg(
         long,
@@ -75,6 +83,12 @@ pub struct BenchArgs {
     /// Which of the beds are also timed flowing, or none
     #[arg(long, value_name = "BED,…", value_delimiter = ',', default_value = "mono,poly", value_parser = flowing)]
     pub flowing: Vec<Flowing>,
+    /// Tools that are also timed, moving in beds of their own
+    #[arg(long, value_name = "TOOL,…", value_delimiter = ',', value_enum)]
+    pub tools: Vec<Tool>,
+    /// Numbers of particles in the beds of tools
+    #[arg(long, value_name = "N,…", value_delimiter = ',', default_value = "38912", value_parser = count)]
+    pub tool_sizes: Vec<usize>,
     /// Steps timed in each repeat
     #[arg(long, value_name = "N", default_value_t = 2000, value_parser = clap::value_parser!(u64).range(1..))]
     pub steps: u64,
@@ -111,6 +125,14 @@ fn flowing(text: &str) -> Result<Flowing, String> {
         .ok_or_else(|| format!("write {} or none", BedKind::ALL.map(BedKind::name).join(", ")))
 }
 
+/// A number of particles, or the word that stands for none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size(Option<usize>);
+
+fn size(text: &str) -> Result<Size, String> {
+    if text == "none" { Ok(Size(None)) } else { count(text).map(|n| Size(Some(n))) }
+}
+
 /// `10k` and the like. At most what the engine numbers.
 fn count(text: &str) -> Result<usize, String> {
     let (digits, factor) = match text.strip_suffix(['k', 'K']) {
@@ -130,6 +152,9 @@ pub enum BenchError {
     /// The spheres could not be placed.
     #[error("the bed cannot be made: {0}")]
     Generate(#[from] GenerateError),
+    /// The tool could not be made.
+    #[error("the tool cannot be made: {0}")]
+    Tool(#[from] ToolError),
     /// The engine refuses the bed.
     #[error(transparent)]
     Setup(#[from] SetupError),
@@ -163,7 +188,7 @@ pub fn run(args: &BenchArgs, ui: &Ui) -> Result<(), BenchError> {
     let threads = args.threads.map_or(0, usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let (value, table) = pool.install(|| {
-        let chosen = args.device.choose([])?;
+        let chosen = args.device.open(0)?.admit(&[])?;
         chosen.note.iter().for_each(|line| ui.note(line));
         let (rows, device) = (measure(args, chosen.backend, ui)?, chosen.backend.device());
         Ok::<_, BenchError>((report::json(&rows, args, &device)?, report::table(&rows, args, &device)))
@@ -179,12 +204,24 @@ pub fn run(args: &BenchArgs, ui: &Ui) -> Result<(), BenchError> {
 fn measure(args: &BenchArgs, backend: Backend, ui: &Ui) -> Result<Vec<Row>, BenchError> {
     let cache = crate::run::default_bed_folder().filter(|_| !args.no_cache).map(|f| f.join("bench"));
     let mut rows = Vec::new();
-    for &count in &args.sizes {
-        let beds = args.beds.iter().flat_map(|&kind| {
+    let plain = |count| {
+        let beds = args.beds.iter().flat_map(move |&kind| {
             let flows = args.flowing.contains(&Flowing(Some(kind)));
             let modes = Mode::ALL.into_iter().filter(move |mode| flows || *mode == Mode::Settled);
             modes.map(move |mode| Bed { kind, mode, count })
         });
+        beds.collect::<Vec<_>>()
+    };
+    let tilled = |count| {
+        let beds =
+            args.tools.iter().map(move |&tool| Bed { kind: tool.kind(), mode: Mode::Tilled(tool), count });
+        beds.collect::<Vec<_>>()
+    };
+    let sizes = args.sizes.iter().filter_map(|size| size.0);
+    // Beds that take turns.
+    let together: Vec<Vec<Bed>> =
+        sizes.map(plain).chain(args.tool_sizes.iter().copied().map(tilled)).collect();
+    for beds in together {
         let mut prepared = Vec::new();
         for bed in beds {
             let ready = bed.prepared(cache.as_deref(), backend, ui)?;

@@ -24,6 +24,8 @@ pub fn json(rows: &[Row], args: &BenchArgs, device: &str) -> Result<Value, Bench
                 "froude": FROUDE,
             })
         });
+        let tool =
+            r.bed.tool()?.map(|tool| json!({ "name": r.bed.mode.name(), "triangles": tool.triangles }));
         beds.push(json!({
             "bed": r.bed.kind.name(),
             "mode": r.bed.mode.name(),
@@ -32,6 +34,9 @@ pub fn json(rows: &[Row], args: &BenchArgs, device: &str) -> Result<Value, Bench
             "radii_m": r.bed.kind.radii(),
             "grading": r.bed.kind.grading(),
             "drum": drum,
+            "tool": tool,
+            "material": r.bed.kind.material(),
+            "first_step_s": r.first_step,
             "step_s": r.bed.kind.step(),
             "particle_steps_per_second": {
                 "median": r.median(),
@@ -55,7 +60,6 @@ pub fn json(rows: &[Row], args: &BenchArgs, device: &str) -> Result<Value, Bench
         let fitted = exponents(rows).into_iter().filter(|fit| fit.1 == mode);
         (mode.name().to_owned(), object(fitted.map(|(kind, _, p)| (kind.name(), p))))
     });
-    let m = Bed::material();
     Ok(json!({
         "version": env!("CARGO_PKG_VERSION"),
         "optimised": !cfg!(debug_assertions),
@@ -70,7 +74,6 @@ pub fn json(rows: &[Row], args: &BenchArgs, device: &str) -> Result<Value, Bench
             "energy_ledger": args.ledger,
             "integrator": "euler",
             "laws": ["hertz", "mindlin", "constant-torque"],
-            "material": m,
         },
         "beds": beds,
         "cost_exponent": exponents.into_iter().collect::<serde_json::Map<_, _>>(),
@@ -112,7 +115,7 @@ pub fn table(rows: &[Row], args: &BenchArgs, device: &str) -> String {
         args.steps, args.repeat
     ));
     let mut head = format!(
-        "{:<5} {:<8} {:>9} {:>7} {:>7} {:>7} {:>10} {:>8} {:>10} {:>7} {:>10} {:>7}",
+        "{:<5} {:<10} {:>9} {:>7} {:>7} {:>7} {:>10} {:>8} {:>10} {:>7} {:>10} {:>7} {:>6}",
         "bed",
         "mode",
         "particles",
@@ -124,7 +127,8 @@ pub fn table(rows: &[Row], args: &BenchArgs, device: &str) -> String {
         "ns/contact",
         "of mono",
         "of settled",
-        "bytes/p"
+        "bytes/p",
+        "first"
     );
     for (name, _) in rows.first().map_or(&[][..], |r| &r.phases) {
         let _ = write!(head, " {name:>11}");
@@ -132,7 +136,7 @@ pub fn table(rows: &[Row], args: &BenchArgs, device: &str) -> String {
     line(format_args!("{head}"));
     for r in rows {
         let mut row = format!(
-            "{:<5} {:<8} {:>9} {:>7.2} {:>7.2} {:>6.1}% {:>10} {:>8.2} {:>10.1} {:>7} {:>10} {:>7.0}",
+            "{:<5} {:<10} {:>9} {:>7.2} {:>7.2} {:>6.1}% {:>10} {:>8.2} {:>10.1} {:>7} {:>10} {:>7.0} {:>6.2}",
             r.bed.kind.name(),
             r.bed.mode.name(),
             r.bed.count,
@@ -144,7 +148,8 @@ pub fn table(rows: &[Row], args: &BenchArgs, device: &str) -> String {
             1e9 * r.time_per_contact(),
             shown(over_mono(rows, r), |ratio| format!("{ratio:.2}")),
             shown(over_settled(rows, r), |ratio| format!("{:.0}%", 100.0 * ratio)),
-            r.bytes_per_particle
+            r.bytes_per_particle,
+            r.first_step
         );
         for (_, share) in r.shares() {
             let _ = write!(row, " {:>10.1}%", 100.0 * share);

@@ -9,7 +9,8 @@ use super::BenchError;
 use super::bed::{Bed, Prepared};
 use crate::device::admit;
 
-/// Stages of the bed's world after it is prepared.
+/// Stages of the bed's world after it is prepared: the first step, a warm-up, and what is timed.
+const FIRST: usize = 0;
 const WARM: usize = 1;
 const TIMED: usize = 2;
 
@@ -27,6 +28,9 @@ pub struct Row {
     pub phases: Vec<(&'static str, f64)>,
     /// Wall time of all repeats \[s\].
     pub wall: f64,
+    /// Wall time from the bed's state to the end of its first step \[s\], in the first repeat: on a device with what its
+    /// kernels take to be compiled, unless an earlier bed had the same.
+    pub first_step: f64,
     /// Steps of one repeat.
     pub steps: u64,
     /// Rebuilds of neighbour lists in them.
@@ -51,6 +55,7 @@ impl Row {
             rates: Vec::new(),
             phases: Vec::new(),
             wall: 0.0,
+            first_step: 0.0,
             steps,
             rebuilds: 0,
             coordination: 0.0,
@@ -104,12 +109,18 @@ impl Row {
     /// Times the bed once more, from the same state as ever.
     pub fn time(&mut self, prepared: &Prepared, ledger: bool, backend: Backend) -> Result<(), BenchError> {
         let constants = self.bed.constants(self.steps, ledger)?;
-        admit(backend, [&*constants])?;
+        admit(backend, std::slice::from_ref(&constants))?;
+        let began = Instant::now();
         let mut batch = Batch::from_states(vec![(constants, prepared.state.clone())], backend);
-        through(&mut batch, WARM);
+        let stage = self.bed.preparing();
+        through(&mut batch, stage + FIRST);
+        if self.rates.is_empty() {
+            self.first_step = began.elapsed().as_secs_f64();
+        }
+        through(&mut batch, stage + WARM);
         let (rebuilds, phases) = (batch.progress(0).rebuilds, batch.times(0).rows());
         let began = Instant::now();
-        through(&mut batch, TIMED);
+        through(&mut batch, stage + TIMED);
         let seconds = began.elapsed().as_secs_f64();
         if *batch.status(0) != Status::Done {
             return Err(BenchError::Stopped { bed: self.bed, status: batch.status(0).clone() });

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use glebe_engine::backend::BYTES_PER_PARTICLE;
 use glebe_engine::spec::Until;
 use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
@@ -17,8 +18,6 @@ use crate::device::Device;
 /// Rate that run times are estimated with \[particle-steps/s per core\]: a settled bed with friction and
 /// energy ledger. Machines differ by a factor of two either way.
 const RATE: f64 = 4e6;
-/// Memory of a particle in a dense bed: state, lists, contact history \[bytes\].
-const BYTES: f64 = 700.0;
 
 /// Checks a scene or a study without running it: all errors at once, counts, memory, run time
 #[derive(Debug, clap::Args)]
@@ -48,9 +47,13 @@ pub(super) struct SceneArgs {
 }
 
 impl SceneArgs {
-    /// Reads and builds the scene, and says what was found.
-    pub(super) fn build(&self, ui: &Ui) -> Result<(Scene, BuiltScene), Problem> {
-        let scene = Scene::load(&self.scene, &self.sets).map_err(Problem::Scene)?;
+    /// Reads the scene.
+    pub(super) fn load(&self) -> Result<Scene, Problem> {
+        Scene::load(&self.scene, &self.sets).map_err(Problem::Scene)
+    }
+
+    /// Builds the scene, and says what was found.
+    pub(super) fn build(&self, scene: &Scene, ui: &Ui) -> Result<BuiltScene, Problem> {
         let built = scene.build(self.folder()).map_err(Problem::Scene)?;
         ui.scene(&built.warnings);
         for mesh in &built.meshes {
@@ -60,7 +63,7 @@ impl SceneArgs {
             ui.note(&format!("geometry `{}`: {report}; {placed}", mesh.name));
         }
         built.notes.iter().for_each(|line| ui.note(line));
-        Ok((scene, built))
+        Ok(built)
     }
 
     /// The folder that the scene's files are relative to.
@@ -83,12 +86,15 @@ pub(super) fn prepared(built: &BuiltScene) -> Result<(Arc<Constants>, State), Pr
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
-    if std::fs::read_to_string(&args.scene.scene).is_ok_and(|text| Study::is_meant(&text)) {
+    if Study::is_at(&args.scene.scene) {
         return study(args, ui);
     }
-    let (_, built) = args.scene.build(ui)?;
+    let scene = args.scene.load()?;
+    let device = args.device.open(scene.generated())?;
+    let built = args.scene.build(&scene, ui)?;
     let (constants, _) = prepared(&built)?;
-    let chosen = args.device.choose([&*constants])?;
+    let chosen = device.admit(std::slice::from_ref(&constants))?;
+    chosen.note.iter().for_each(|line| ui.note(line));
     constants.warnings.iter().for_each(|w| ui.warn(w));
     let particles = constants.count;
     let triangles: usize = built.meshes.iter().map(|m| m.report.triangles).sum();
@@ -104,7 +110,9 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let steps = time.map(|t| (t / constants.dt).ceil());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let seconds = steps.map(|s| s * particles as f64 / (RATE * cores as f64));
-    let bytes = BYTES * particles as f64;
+    let memory = chosen.backend.memory(std::slice::from_ref(&constants));
+    let bytes = memory.map_or(BYTES_PER_PARTICLE * particles as f64, |m| m.needed as f64);
+    let of_device = memory.and_then(|m| m.device);
     let limits = constants.limits;
     let warnings: Vec<serde_json::Value> = built
         .warnings
@@ -124,6 +132,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         "most_time_s": time,
         "most_steps": steps,
         "memory_bytes": bytes,
+        "device_memory_bytes": of_device,
         "device": chosen.backend.device(),
         "devices": [{ "name": "cpu", "threads": cores, "most_wall_s": seconds }],
         "warnings": warnings,
@@ -136,7 +145,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
          stages     {}\n\
          step       {:.3e} s ({:.0} % of the Rayleigh time, 1/{:.0} of the shortest impact)\n\
          length     {}\n\
-         memory     about {:.0} MB\n\
+         memory     {}\n\
          run time   {} on the CPU with {cores} threads\n\
          device     {}",
         args.scene.scene.display(),
@@ -149,7 +158,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
             (Some(t), Some(n)) => format!("at most {t} s, {n:.2e} steps"),
             _ => unknown.to_owned(),
         },
-        (bytes / 1e6).max(1.0),
+        needed(bytes, memory.is_some(), of_device),
         seconds.map_or(unknown.to_owned(), |s| format!("at most about {}", duration(s))),
         chosen.backend.device(),
     );
@@ -157,18 +166,27 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     Ok(Ended::Done)
 }
 
+/// How much memory it takes, and of how much. What a device will need at first is known; dense beds make it grow.
+fn needed(bytes: f64, known: bool, of_device: Option<u64>) -> String {
+    let least = if known { "at least" } else { "about" };
+    let of = of_device.map_or_else(String::new, |all| format!(" of the device's {:.0} MB", all as f64 / 1e6));
+    format!("{least} {:.0} MB{of}", (bytes / 1e6).max(1.0))
+}
+
 fn study(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
+    let device = args.device.open(0)?;
     let Some(plan) = super::sweep::plan(&args.scene.scene, &args.scene.sets, ui)? else {
         return Ok(Ended::Interrupted);
     };
-    let chosen = args.device.choose(plan.first())?;
+    let chosen = device.admit(plan.first())?;
+    chosen.note.iter().for_each(|line| ui.note(line));
     let facts: Vec<_> = plan.worlds.iter().filter_map(|w| w.fate.as_ref().ok()).collect();
     let particles: usize = facts.iter().map(|f| f.particles).sum();
     let steps: f64 = facts.iter().map(|f| f.steps as f64).sum();
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let particle_steps: f64 = facts.iter().map(|f| f.steps as f64 * f.particles as f64).sum();
     let seconds = particle_steps / (RATE * cores as f64);
-    let bytes = BYTES * particles as f64;
+    let bytes = BYTES_PER_PARTICLE * particles as f64;
     let measures: Vec<String> = plan.measures.iter().map(Measure::full_name).collect();
     let worlds = plan.worlds.iter().map(|w| {
         let refused = w.fate.as_ref().err();

@@ -70,6 +70,8 @@ Examples:
 /// Runs the program.
 pub fn main() -> ExitCode {
     keep_order_of_devices();
+    #[cfg(unix)]
+    outlive_file_size_limits();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => return usage(&error),
@@ -116,6 +118,14 @@ fn keep_order_of_devices() {
             std::env::set_var(LAYER, "1");
         }
     }
+}
+
+/// A file that may not grow further is an error with a message, not the end of the program.
+#[cfg(unix)]
+fn outlive_file_size_limits() {
+    let noticed = std::sync::Arc::default();
+    // Without it a run still ends, only with less said.
+    let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, noticed);
 }
 
 fn validate(args: &crate::validate::ValidateArgs, ui: &Ui) -> Result<Ended, Problem> {

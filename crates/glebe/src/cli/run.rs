@@ -29,9 +29,9 @@ pub(super) struct Args {
     scene: SceneArgs,
     #[command(flatten)]
     compute: ComputeArgs,
-    /// Wall time between checkpoints [s]
-    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
-    checkpoint_every: u64,
+    /// Wall time between checkpoints [s] [default: `checkpoint_wall` of the scene]
+    #[arg(long, value_name = "SECONDS")]
+    checkpoint_every: Option<u32>,
     /// Prints the share of time per phase
     #[arg(long)]
     profile: bool,
@@ -81,6 +81,11 @@ impl ComputeArgs {
             _ => Existing::Refuse,
         }
     }
+
+    /// The `--device` argument again, if there was one.
+    pub(super) fn repeat_device(&self) -> String {
+        if self.device == Device::Auto { String::new() } else { format!(" --device {}", self.device) }
+    }
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
@@ -88,10 +93,13 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let ui = &ui.quieted(compute.quiet);
     catch_interrupts().map_err(Problem::Failed)?;
     compute.start_threads()?;
-    let (scene, built) = args.scene.build(ui)?;
+    let scene = args.scene.load()?;
+    // Before particles are placed, which can take minutes.
+    let device = compute.device.open(scene.generated())?;
+    let built = args.scene.build(&scene, ui)?;
     // Its errors point into the scene, which those of the run itself cannot.
     let (constants, _) = prepared(&built)?;
-    let chosen = compute.device.choose([&*constants])?;
+    let chosen = device.admit(&[constants])?;
     chosen.note.iter().for_each(|line| ui.note(line));
     let out = compute.out.clone().unwrap_or_else(|| args.scene.folder().join("out"));
     if interrupted() {
@@ -101,7 +109,9 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         backend: chosen.backend,
         existing: compute.existing(),
         beds: default_bed_folder().filter(|_| !compute.no_cache),
-        checkpoint_every: Duration::from_secs(args.checkpoint_every),
+        checkpoint_every: Duration::from_secs_f64(
+            args.checkpoint_every.map_or(scene.checkpoint_wall, f64::from),
+        ),
         checkpoint_time: scene.checkpoint,
         warnings: built.warnings.iter().map(one_line).collect(),
         ..Settings::new(&out)
@@ -114,9 +124,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         ui.note(profile(&summary).trim_end());
     }
     let resume = format!(
-        "glebe run {} --out {} --resume{}",
+        "glebe run {} --out {} --resume{}{}",
         shell_word(&args.scene.scene.display().to_string()),
         shell_word(&out.display().to_string()),
+        compute.repeat_device(),
         repeat(&args.scene.sets)
     );
     match summary.status {
@@ -134,9 +145,15 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
             Ok(Ended::Interrupted)
         }
         _ => Err(Problem::Failed(format!(
-            "{}\nThe series, frames and checkpoints up to here are in {}",
+            "{}\nThe series, frames and checkpoints up to here are in {}{}",
             summary.reason.as_deref().unwrap_or("the run failed"),
             out.display(),
+            // A guard stops a run at the same step again; a device may be well again.
+            if summary.state_hash.is_empty() {
+                format!(", complete up to the last checkpoint. To go on from it: {resume}")
+            } else {
+                String::new()
+            },
         ))),
     }
 }

@@ -70,8 +70,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let ui = &ui.quieted(compute.quiet);
     catch_interrupts().map_err(Problem::Failed)?;
     compute.start_threads()?;
+    // Before worlds are made, which can take minutes; how large they are is seen then.
+    let device = compute.device.open(0)?;
     let Some(plan) = plan(&args.study, &args.sets, ui)? else { return Ok(before_the_start(ui)) };
-    let chosen = compute.device.choose(plan.first())?;
+    let chosen = device.admit(plan.first())?;
     chosen.note.iter().for_each(|line| ui.note(line));
     let out = compute.out.clone().unwrap_or_else(|| folder_of(&args.study).join("out"));
     if interrupted() {
@@ -94,17 +96,21 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
 
     let mut value = json!(summary);
     value["out"] = json!(out);
+    let resume = format!(
+        "glebe sweep {} --out {} --resume{}{}",
+        shell_word(&args.study.display().to_string()),
+        shell_word(&out.display().to_string()),
+        compute.repeat_device(),
+        repeat(&args.sets)
+    );
     if summary.status == Status::Interrupted {
-        let resume = format!(
-            "glebe sweep {} --out {} --resume{}",
-            shell_word(&args.study.display().to_string()),
-            shell_word(&out.display().to_string()),
-            repeat(&args.sets)
-        );
         value["resume"] = json!(resume);
         ui.result(&value, "");
         ui.note(&format!("interrupted; what has ended is kept. To go on: {resume}"));
         return Ok(Ended::Interrupted);
+    }
+    if let Some(reason) = &summary.reason {
+        return Err(Problem::Failed(format!("{reason}\nWhat has ended is kept. To go on: {resume}")));
     }
     if summary.status == Status::Failed {
         return Err(Problem::Failed(format!(

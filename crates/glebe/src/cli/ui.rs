@@ -1,7 +1,8 @@
 //! What verbs say: results on standard output, everything else on standard error.
 
-use std::io::{IsTerminal as _, Write as _};
+use std::io::{ErrorKind, IsTerminal as _, Write as _};
 use std::process::ExitCode;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glebe_engine::backend::Unavailable;
 use glebe_io::scene::SceneError;
@@ -73,18 +74,20 @@ impl Problem {
 pub struct Ui {
     json: bool,
     quiet: bool,
+    /// What went wrong with standard output.
+    lost: Arc<Mutex<Option<std::io::Error>>>,
 }
 
 impl Ui {
     /// For people, or with `json` for programs.
     pub fn new(json: bool) -> Self {
-        Self { json, quiet: false }
+        Self { json, quiet: false, lost: Arc::default() }
     }
 
     /// The same, without notes if `quiet`.
     #[must_use]
     pub fn quieted(&self, quiet: bool) -> Self {
-        Self { json: self.json, quiet: self.quiet || quiet }
+        Self { quiet: self.quiet || quiet, lost: Arc::clone(&self.lost), ..*self }
     }
 
     /// Whether only warnings and errors are told.
@@ -97,9 +100,16 @@ impl Ui {
         self.json
     }
 
-    /// Writes a text to standard output. Nobody needs to be told of a closed pipe.
+    /// Writes a text to standard output. Nobody needs to be told of a closed pipe; of a full disk the exit code
+    /// tells.
     pub fn print(&self, text: &str) {
-        let _ = writeln!(std::io::stdout(), "{}", text.trim_end());
+        let mut out = std::io::stdout().lock();
+        let written = writeln!(out, "{}", text.trim_end()).and_then(|()| out.flush());
+        if let Err(error) = written
+            && error.kind() != ErrorKind::BrokenPipe
+        {
+            self.lost.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+        }
     }
 
     /// The result: `value` for programs, `text` for people.
@@ -139,6 +149,13 @@ impl Ui {
 
     /// Tells how it ended, and gives the exit code.
     pub(super) fn end(&self, ended: Result<Ended, Problem>) -> ExitCode {
+        let lost = self.lost.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let ended = match (ended, lost) {
+            (Ok(_), Some(error)) => {
+                Err(Problem::Failed(format!("standard output cannot be written: {error}")))
+            }
+            (ended, _) => ended,
+        };
         let problem = match ended {
             Ok(Ended::Done) => return ExitCode::SUCCESS,
             Ok(Ended::Unmet) => return ExitCode::from(1),

@@ -105,7 +105,7 @@ impl RunError {
 /// A world that cannot be set up or that the backend cannot run, a folder that cannot be used, a checkpoint of another scene, a full disk.
 pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -> Result<Summary, RunError> {
     let (constants, fresh) = prepare(world)?;
-    admit(settings.backend, [&*constants])?;
+    admit(settings.backend, std::slice::from_ref(&constants))?;
     let scene_hash = scene_hash(&constants, &fresh);
     for warning in &constants.warnings {
         listener.warn(warning);
@@ -117,23 +117,16 @@ pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -
         notes.push(line);
     };
 
-    let (dir, state, after) = if settings.existing == Existing::Resume {
+    let vacant = OutputDir::is_vacant(&settings.out)?;
+    let (dir, state, after) = if settings.existing == Existing::Resume && !vacant {
         let dir = OutputDir::open_existing(&settings.out)?;
         let found = checkpoint::latest_valid(&dir.checkpoints(), &scene_hash)?;
-        for skipped in &found.skipped {
-            listener.warn(skipped);
-            warnings.push(skipped.clone());
-        }
-        if found.header.glebe_version != env!("CARGO_PKG_VERSION") {
-            let line = format!(
-                "the checkpoint was written by glebe {}; this is {}: results may differ in the last digits",
-                found.header.glebe_version,
-                env!("CARGO_PKG_VERSION")
-            );
+        for line in found.skipped.iter().cloned().chain(strangeness(&found.header, settings.backend)) {
             listener.warn(&line);
             warnings.push(line);
         }
         let state = State::from_bytes(&found.state)
+            .and_then(|state| state.belongs_to(&constants).map(|()| state))
             .map_err(|source| RunError::State { path: found.path.clone(), source })?;
         if state.progress.stage >= constants.spec.stages.len()
             && let Ok(summary) = Summary::read(&dir.summary())
@@ -146,9 +139,19 @@ pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -
         (dir, state, Some(found))
     } else {
         let dir = OutputDir::create(&settings.out, settings.existing == Existing::Replace)?;
+        if settings.existing == Existing::Resume {
+            note("nothing was kept before the run ended: it begins again".to_owned(), listener);
+        }
         (dir, fresh, None)
     };
 
+    let mut checkpoints =
+        CheckpointWriter::new(&dir.checkpoints(), after.as_ref().map(|c| c.path.as_path()))?;
+    if after.is_none() {
+        // Before there is anything else in the folder, so that a run killed at any moment can be resumed.
+        let header = header(&constants, &scene_hash, settings.backend, state.progress.step, (0, 0));
+        checkpoints.write(&header, &state.to_bytes())?;
+    }
     // Only now: an input that is refused costs no time.
     let beds = settings.beds.as_deref();
     let (drive, events) = Drive::new(vec![(constants.clone(), state)], settings.backend, beds);
@@ -160,7 +163,7 @@ pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -
     let counts = after.as_ref().map(|c| (c.header.rows, c.header.frames));
     let run = Run {
         recorder: Recorder::new(&dir, &constants, counts)?,
-        checkpoints: CheckpointWriter::new(&dir.checkpoints(), after.as_ref().map(|c| c.path.as_path()))?,
+        checkpoints,
         furrows: Furrows::default(),
         drive,
         constants,
@@ -239,20 +242,13 @@ impl Run {
     fn checkpoint(&mut self) -> Result<(), RunError> {
         let start = Instant::now();
         let batch = self.drive.batch();
-        let state = batch.state(0);
-        if batch.fault(0).is_some() {
+        let Ok(state) = batch.sound_state(0) else {
             // The last good one is worth more; the next step tells of the fault.
             return Ok(());
-        }
-        let (rows, frames) = self.recorder.counts()?;
-        let header = Header {
-            glebe_version: env!("CARGO_PKG_VERSION").to_owned(),
-            scene_hash: self.scene_hash.clone(),
-            step: state.progress.step,
-            time: batch.time(0),
-            rows,
-            frames,
         };
+        let written = self.recorder.counts()?;
+        let step = state.progress.step;
+        let header = header(&self.constants, &self.scene_hash, batch.backend(), step, written);
         self.checkpoints.write(&header, &state.to_bytes())?;
         self.recorder.time += start.elapsed();
         Ok(())
@@ -276,7 +272,7 @@ impl Run {
                 seed: c.spec.seed,
             },
             device: batch.backend().device(),
-            state_hash,
+            state_hash: state_hash.unwrap_or_default(),
             particles,
             stages,
             performance: summary::Performance {
@@ -289,4 +285,43 @@ impl Run {
             notes,
         }
     }
+}
+
+/// What a checkpoint after `step` says of itself, with so many rows and frames written.
+fn header(
+    c: &Constants,
+    scene_hash: &str,
+    backend: Backend,
+    step: u64,
+    (rows, frames): (u64, u64),
+) -> Header {
+    Header {
+        glebe_version: env!("CARGO_PKG_VERSION").to_owned(),
+        device: backend.maker(),
+        scene_hash: scene_hash.to_owned(),
+        step,
+        time: step as f64 * c.dt,
+        rows,
+        frames,
+    }
+}
+
+/// Why a run that goes on from a checkpoint may end with other bits than a whole one.
+fn strangeness(header: &Header, backend: Backend) -> Vec<String> {
+    let mut lines = Vec::new();
+    let (version, device) = (env!("CARGO_PKG_VERSION"), backend.maker());
+    if header.glebe_version != version {
+        lines.push(format!(
+            "the checkpoint was written by glebe {}; this is {version}: results may differ in the last digits",
+            header.glebe_version
+        ));
+    }
+    if !header.device.is_empty() && header.device != device {
+        lines.push(format!(
+            "the checkpoint was written on {} and is continued on {device}: the results agree as averages do, the \
+             bits differ",
+            header.device
+        ));
+    }
+    lines
 }

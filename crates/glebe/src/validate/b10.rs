@@ -9,8 +9,7 @@
 //!
 //! Everything about the scene is chosen.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use glebe_engine::backend::Backend;
@@ -23,7 +22,7 @@ use glebe_physics::IntegratorKind;
 use glebe_report::{Axis, Plot, Series, Style};
 
 use super::case::{Case, CaseError, Findings};
-use super::trial::{Record, SceneFile, Trial, scene_file};
+use super::trial::{Folder, Record, SceneFile, Trial, scene_file};
 use crate::device::admit;
 
 pub(super) const CASE: Case = Case {
@@ -40,7 +39,7 @@ const FORGET_AT: u64 = 250;
 
 fn run(trial: Trial) -> Result<Findings, CaseError> {
     let mut found = Findings::default();
-    let folder = Folder::new()?;
+    let folder = Folder::new("restart")?;
     let mut curves = Vec::new();
     for kind in IntegratorKind::ALL {
         let world = SCENE.world(&[format!("time.integrator={}", kind.name())])?;
@@ -75,7 +74,7 @@ struct Together {
 
 fn side_by_side(world: WorldSpec, backend: Backend, file: &Path) -> Result<Together, CaseError> {
     let (constants, fresh) = prepare(world)?;
-    admit(backend, [&*constants])?;
+    admit(backend, std::slice::from_ref(&constants))?;
     let take_up = |state: State| Batch::from_states(vec![(constants.clone(), state)], backend);
     let mut stored = fresh.clone();
     let mut whole = take_up(fresh);
@@ -172,22 +171,4 @@ fn figure(curves: &[(&str, Together)]) -> String {
         ..Plot::default()
     }
     .to_svg()
-}
-
-/// A folder for checkpoints that goes when the case ends.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new() -> Result<Self, CaseError> {
-        let path = std::env::temp_dir().join(format!("glebe-restart-{}", std::process::id()));
-        fs::create_dir_all(&path)?;
-        Ok(Self(path))
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        // What is left of it in the folder for temporary files harms nobody.
-        let _ = fs::remove_dir_all(&self.0);
-    }
 }

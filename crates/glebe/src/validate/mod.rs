@@ -8,7 +8,10 @@
 //! said in the case's file.
 
 mod a1;
+mod a2;
 mod a3;
+mod a4;
+mod a7;
 mod b1;
 mod b10;
 mod b11;
@@ -30,7 +33,7 @@ use trial::Trial;
 pub(crate) use trial::power_law;
 
 /// Every case, in the order in which they run.
-const CASES: &[Case] = &[a1::CASE, a3::CASE, b1::CASE, b10::CASE, b11::CASE];
+const CASES: &[Case] = &[a1::CASE, a2::CASE, a3::CASE, a4::CASE, a7::CASE, b1::CASE, b10::CASE, b11::CASE];
 
 /// All registered cases.
 pub fn cases() -> &'static [Case] {
@@ -50,7 +53,7 @@ pub struct ValidateArgs {
     /// Cases by id or name; all if none is named
     #[arg(value_name = "NAME", value_parser = names(), ignore_case = true, hide_possible_values = true)]
     pub names: Vec<String>,
-    /// Smaller sizes: all cases together take about two minutes on two cores
+    /// Smaller sizes: all cases together take about three minutes on two cores
     #[arg(long)]
     pub quick: bool,
     /// Folder for figures and results.json; those of an earlier validation in it are replaced
@@ -120,7 +123,7 @@ pub fn run(args: &ValidateArgs, ui: &Ui) -> Result<bool, ValidateError> {
     let cases = select(&args.names)?;
     let threads = args.threads.map_or(0, usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-    let chosen = pool.install(|| args.device.choose([]))?;
+    let chosen = pool.install(|| args.device.open(0)?.admit(&[]))?;
     chosen.note.iter().for_each(|line| ui.note(line));
     let device = pool.install(|| chosen.backend.device());
     output::claim(&args.out, &cases)?;

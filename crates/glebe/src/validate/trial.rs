@@ -2,13 +2,15 @@
 
 use std::convert::Infallible;
 use std::fmt::Write as _;
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status};
-use glebe_engine::prepare;
 use glebe_engine::spec::WorldSpec;
-use glebe_engine::state::StageResult;
+use glebe_engine::state::{StageResult, State};
+use glebe_engine::{Constants, prepare};
 use glebe_io::scene::{Scene, SceneError};
 use glebe_study::fit::line;
 
@@ -46,8 +48,13 @@ pub(super) use scene_file;
 impl SceneFile {
     /// The scene's world, with overrides as `--set` takes them.
     pub fn world(&self, sets: &[String]) -> Result<WorldSpec, CaseError> {
+        self.world_in(Path::new("."), sets)
+    }
+
+    /// The same, with its files in a folder.
+    pub fn world_in(&self, folder: &Path, sets: &[String]) -> Result<WorldSpec, CaseError> {
         let scene = Scene::parse(self.name, self.text, sets).map_err(|e| wrong(&e))?;
-        Ok(scene.build(Path::new(".")).map_err(|e| wrong(&e))?.world)
+        Ok(scene.build(folder).map_err(|e| wrong(&e))?.world)
     }
 }
 
@@ -69,9 +76,17 @@ pub struct Finished {
 
 /// Runs worlds on a backend until each is done or has failed.
 pub fn run_to_end(worlds: Vec<WorldSpec>, backend: Backend) -> Result<Finished, CaseError> {
+    run_states_to_end(worlds.into_iter().map(prepare).collect::<Result<_, _>>()?, backend)
+}
+
+/// The same for worlds that are under way.
+pub fn run_states_to_end(
+    worlds: Vec<(Arc<Constants>, State)>,
+    backend: Backend,
+) -> Result<Finished, CaseError> {
     let mut record = Record { series: vec![Vec::new(); worlds.len()] };
-    let worlds = worlds.into_iter().map(prepare).collect::<Result<Vec<_>, _>>()?;
-    admit(backend, worlds.iter().map(|(constants, _)| &**constants))?;
+    let constants: Vec<_> = worlds.iter().map(|(constants, _)| constants.clone()).collect();
+    admit(backend, &constants)?;
     let mut batch = Batch::from_states(worlds, backend);
     while batch.running() {
         let Ok(()) = batch.advance(&mut record);
@@ -127,4 +142,23 @@ pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
 pub fn power_law(x: &[f64], y: &[f64]) -> f64 {
     let log = |values: &[f64]| values.iter().map(|v| v.ln()).collect::<Vec<_>>();
     line(&log(x), &log(y)).map_or(f64::NAN, |[_, p]| p)
+}
+
+/// A folder for files of a case, which goes when it ends.
+pub struct Folder(pub PathBuf);
+
+impl Folder {
+    /// A new one, named after the case.
+    pub fn new(name: &str) -> Result<Self, CaseError> {
+        let path = std::env::temp_dir().join(format!("glebe-{name}-{}", std::process::id()));
+        fs::create_dir_all(&path)?;
+        Ok(Self(path))
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // What is left of it in the folder for temporary files harms nobody.
+        let _ = fs::remove_dir_all(&self.0);
+    }
 }

@@ -31,7 +31,7 @@ pub enum MeshError {
         source: io::Error,
     },
     /// The name does not end in a known format.
-    #[error("mesh file `{}`: unknown format `.{found}`; known are .stl (ASCII or binary) and .obj", path.display())]
+    #[error("mesh file `{}`: unknown format `.{found}`; known are .stl, .ply (each ASCII or binary) and .obj", path.display())]
     Extension {
         /// The file.
         path: PathBuf,
@@ -106,6 +106,38 @@ pub enum MeshError {
         index: i64,
         /// Vertices it may choose from.
         vertices: usize,
+    },
+    /// A PLY face names a vertex that does not exist.
+    #[error(
+        "mesh file `{}`, {place}: a face names vertex {index}, but {}",
+        path.display(),
+        match vertices {
+            0 => "no vertices stand before it".to_owned(),
+            n => format!("the file has vertices 0 to {}", n - 1),
+        }
+    )]
+    VertexIndex {
+        /// The file.
+        path: PathBuf,
+        /// Where the face ends.
+        place: Place,
+        /// The number as written, from 0.
+        index: f64,
+        /// Vertices it may choose from.
+        vertices: usize,
+    },
+    /// A face too complicated to be cut into triangles.
+    #[error(
+        "mesh file `{}`, {place}: a face of {corners} corners is not convex; cut it into triangles where it was drawn",
+        path.display()
+    )]
+    Polygon {
+        /// The file.
+        path: PathBuf,
+        /// Where the face ends.
+        place: Place,
+        /// Its corners.
+        corners: usize,
     },
     /// Nothing to collide with.
     #[error(

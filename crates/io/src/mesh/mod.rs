@@ -1,4 +1,4 @@
-//! Triangle meshes: STL (ASCII and binary) and OBJ in, STL out.
+//! Triangle meshes: STL, PLY (each as text or binary) and OBJ in, STL out.
 //!
 //! Files that people draw are rarely clean, so reading has three steps: a parser per
 //! format gives loose triangles, [`Transform`] places them in metres, and one assembly
@@ -11,13 +11,17 @@
 mod assemble;
 mod error;
 mod obj;
+mod ply;
+mod polygon;
 mod report;
 mod stl;
 mod transform;
 
-use std::{fs, io, path::Path};
+use std::{io, path::Path};
 
 use glebe_engine::spec::{TriMesh, Vec3};
+
+use crate::input;
 
 pub(crate) use assemble::assemble;
 pub use error::{MeshError, Place, TransformError};
@@ -28,7 +32,7 @@ pub use transform::Transform;
 /// Corners of one triangle \[m\], counter-clockwise seen from outside.
 pub(crate) type Corners = [Vec3; 3];
 
-/// Reads the mesh file `path` (`.stl` or `.obj`, in any case) and applies `transform`.
+/// Reads the mesh file `path` (`.stl`, `.ply` or `.obj`, in any case) and applies `transform`.
 ///
 /// Vertices that are equal, or closer than 1e-7 of the longest side of the bounding box, become one;
 /// degenerate triangles (height below 1e-6 of the longest edge, where an `f32` normal is rounding
@@ -36,27 +40,30 @@ pub(crate) type Corners = [Vec3; 3];
 /// again) are left out. All of that is counted in the report. Winding is reported, not repaired:
 /// both sides of a mesh act on particles.
 ///
-/// Polygons of an OBJ file are cut into a fan from their first corner, which is right for convex ones.
-/// Units are those of the file times `transform.scale`: neither format says which they are.
+/// Polygons are cut into triangles; they need be neither convex nor quite flat. Units are those of the file
+/// times `transform.scale`: no format says which they are.
 ///
 /// # Errors
 /// A file that is missing, unreadable, of another kind, cut short, malformed, or without a usable
 /// triangle; coordinates or a transform that are not finite numbers. The message names the place.
 pub fn read(path: &Path, transform: &Transform) -> Result<(TriMesh, MeshReport), MeshError> {
-    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-    let parse = match extension.as_str() {
-        "stl" => stl::parse,
-        "obj" => obj::parse,
-        _ => return Err(MeshError::Extension { path: path.into(), found: extension }),
-    };
-    let at_fault = |source| MeshError::Transform { path: path.into(), source };
-    let place = transform.compile().map_err(at_fault)?;
-    let bytes = fs::read(path).map_err(|source| match source.kind() {
+    // Before the file, which may be large.
+    format(path)?;
+    let bytes = input::read(path).map_err(|source| match source.kind() {
         io::ErrorKind::NotFound => MeshError::Missing { path: path.into() },
         _ => MeshError::Read { path: path.into(), source },
     })?;
-    let mut soup = parse(path, &bytes)?;
-    drop(bytes);
+    parse(path, &bytes, transform)
+}
+
+/// Like [`read`], of the `bytes` of the file called `path`.
+///
+/// # Errors
+/// As [`read`], but for those of the system.
+pub fn parse(path: &Path, bytes: &[u8], transform: &Transform) -> Result<(TriMesh, MeshReport), MeshError> {
+    let at_fault = |source| MeshError::Transform { path: path.into(), source };
+    let place = transform.compile().map_err(at_fault)?;
+    let mut soup = format(path)?(path, bytes)?;
     place.apply(&mut soup).map_err(at_fault)?;
     // Three vertices a triangle must fit into u32 indices.
     if soup.len() > (u32::MAX / 3) as usize {
@@ -67,6 +74,19 @@ pub fn read(path: &Path, transform: &Transform) -> Result<(TriMesh, MeshReport),
         return Err(MeshError::NoTriangles { path: path.into(), degenerate: report.degenerate });
     }
     Ok((mesh, report))
+}
+
+type Parser = fn(&Path, &[u8]) -> Result<Vec<Corners>, MeshError>;
+
+/// What reads files of this name.
+fn format(path: &Path) -> Result<Parser, MeshError> {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    match extension.as_str() {
+        "stl" => Ok(stl::parse),
+        "ply" => Ok(ply::parse),
+        "obj" => Ok(obj::parse),
+        _ => Err(MeshError::Extension { path: path.into(), found: extension }),
+    }
 }
 
 /// Number, from 1, of the last line of a text that is not blank.

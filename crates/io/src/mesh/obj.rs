@@ -7,9 +7,10 @@ use glebe_engine::spec::Vec3;
 use super::{
     Corners,
     error::{MeshError, Place},
+    polygon,
 };
 
-/// Reads all faces, cut into fans. Positive indices may point forward in the file.
+/// Reads all faces, cut into triangles. Positive indices may point forward in the file.
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<Corners>, MeshError> {
     let mut vertices: Vec<Vec3> = Vec::new();
     let mut faces = Vec::new();
@@ -75,9 +76,10 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<Corners>, MeshError
                 vertices: vertices.len(),
             })
         };
-        let hub = at(corners[0])?;
-        for pair in corners[1..].windows(2) {
-            soup.push([hub, at(pair[0])?, at(pair[1])?]);
+        let corners = corners.into_iter().map(at).collect::<Result<Vec<_>, _>>()?;
+        if !polygon::triangulate(&corners, &mut soup) {
+            let (path, place) = (path.into(), Place::Line(line));
+            return Err(MeshError::Polygon { path, place, corners: corners.len() });
         }
     }
     Ok(soup)

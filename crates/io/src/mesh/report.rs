@@ -95,7 +95,7 @@ impl fmt::Display for MeshReport {
         ]);
         let mut notes = Vec::from_iter((!removed.is_empty()).then_some(removed));
         if longest > 20.0 {
-            notes.push("larger than 20 m: if it was drawn in millimetres, set scale = 0.001".into());
+            notes.push("larger than 20 m: if it was drawn in millimetres, set unit = \"mm\"".into());
         }
         if !notes.is_empty() {
             write!(f, "\n{}", notes.join("; "))?;

@@ -102,7 +102,7 @@ fn advice(error: &io::Error) -> &'static str {
             "; your quota is used up: free some space on it, then go on with --resume"
         }
         ErrorKind::FileTooLarge => {
-            "; this disk's format does not allow files of that size: choose another with --out"
+            "; files may not grow that large here: choose another disk with --out, or raise the limit (ulimit -f)"
         }
         ErrorKind::ReadOnlyFilesystem => "; the disk is mounted read-only: choose another place with --out",
         ErrorKind::PermissionDenied => {
@@ -129,11 +129,10 @@ pub fn write_atomic(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(), OutputError> {
-    let partial = partial_path(path)?;
-    let done =
-        fill(&partial, write).map_err(|e| OutputError::io(path, "write this file", e)).and_then(|()| {
-            fs::rename(&partial, path).map_err(|e| OutputError::io(path, "put this file in its place", e))
-        });
+    let (partial, file) = create_partial(path)?;
+    let done = fill(file, write).map_err(|e| OutputError::io(path, "write this file", e)).and_then(|()| {
+        fs::rename(&partial, path).map_err(|e| OutputError::io(path, "put this file in its place", e))
+    });
     if done.is_err() {
         // The first error is the one that matters.
         let _ = fs::remove_file(&partial);
@@ -142,22 +141,30 @@ pub fn write_atomic(
     sync_folder(path).map_err(|e| OutputError::io(path, "make this file durable", e))
 }
 
-fn fill(partial: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
-    let mut out = BufWriter::with_capacity(1 << 16, File::create_new(partial)?);
+fn fill(file: File, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+    let mut out = BufWriter::with_capacity(1 << 16, file);
     write(&mut out)?;
     out.flush()?;
     out.get_ref().sync_all()
 }
 
-/// A name in the folder of `path` that no other thread or process uses.
-fn partial_path(path: &Path) -> Result<PathBuf, OutputError> {
+/// A new file in the folder of `path`, of a name that no other thread or process uses.
+fn create_partial(path: &Path) -> Result<(PathBuf, File), OutputError> {
     static COUNT: AtomicU64 = AtomicU64::new(0);
     if path.file_name().is_none() {
         let source = io::Error::from(ErrorKind::InvalidFilename);
         return Err(OutputError::io(path, "write a file of this name", source));
     }
-    let count = COUNT.fetch_add(1, Ordering::Relaxed);
-    Ok(path.with_file_name(format!("{PARTIAL_PREFIX}{}-{count}", std::process::id())))
+    loop {
+        let count = COUNT.fetch_add(1, Ordering::Relaxed);
+        let partial = path.with_file_name(format!("{PARTIAL_PREFIX}{}-{count}", std::process::id()));
+        match File::create_new(&partial) {
+            Ok(file) => return Ok((partial, file)),
+            // Left behind by a process that was killed and had the same number, as all have in containers.
+            Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
+            Err(e) => return Err(OutputError::io(path, "write this file", e)),
+        }
+    }
 }
 
 /// Makes the rename itself survive a power cut. Only Unix lets a folder be opened for this.

@@ -34,6 +34,10 @@ pub enum Existing {
     Resume,
 }
 
+const STUDY: &str = "study.toml";
+const CHECKPOINTS: &str = "checkpoint";
+const FRAMES: &str = "frames";
+
 /// The folder that a run writes its results into.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OutputDir {
@@ -54,10 +58,10 @@ impl OutputDir {
             return Err(OutputError::NotAFolder { path: path.to_owned() });
         }
         fs::create_dir_all(path).map_err(|e| OutputError::io(path, "make this folder", e))?;
+        remove_partial(path)?;
         if force {
             remove_own(path)?;
-        } else if let Some(example) = names(path)?.into_iter().find(|name| !name.starts_with(PARTIAL_PREFIX))
-        {
+        } else if let Some(example) = occupant(path)? {
             return Err(OutputError::NotEmpty { path: path.to_owned(), example });
         }
         let dir = Self { path: path.to_owned() };
@@ -65,7 +69,16 @@ impl OutputDir {
         Ok(dir)
     }
 
-    /// Opens the folder of an earlier run, to continue it.
+    /// Whether `path` is a folder in which nothing was kept yet: it is empty, or a run was killed there before
+    /// its first checkpoint, or a study before its journal.
+    ///
+    /// # Errors
+    /// [`OutputError::Io`] for a folder that cannot be read.
+    pub fn is_vacant(path: &Path) -> Result<bool, OutputError> {
+        Ok(path.is_dir() && occupant(path)?.is_none())
+    }
+
+    /// Opens the folder of an earlier run, to continue it, and removes what a crash left unfinished in it.
     ///
     /// # Errors
     /// [`OutputError::NothingToResume`] if there is no folder or no checkpoint in it;
@@ -98,6 +111,7 @@ impl OutputDir {
         if !can(&dir)? {
             return Err(missing(without));
         }
+        remove_partial(path)?;
         dir.probe()?;
         Ok(dir)
     }
@@ -116,11 +130,11 @@ impl OutputDir {
     }
     /// The folder of the checkpoints; it may not exist yet.
     pub fn checkpoints(&self) -> PathBuf {
-        self.path.join("checkpoint")
+        self.path.join(CHECKPOINTS)
     }
     /// The folder of the frames; it may not exist yet.
     pub fn frames(&self) -> PathBuf {
-        self.path.join("frames")
+        self.path.join(FRAMES)
     }
     /// Where the collection of the frames is.
     pub fn frames_pvd(&self) -> PathBuf {
@@ -158,7 +172,7 @@ impl OutputDir {
     /// # Errors
     /// [`OutputError::Foreign`], [`OutputError::Io`].
     pub fn write_study(&self, text: &str, sets: &[String]) -> Result<(), OutputError> {
-        let path = self.path.join("study.toml");
+        let path = self.path.join(STUDY);
         if path.symlink_metadata().is_ok() && !begins_with(&path, STUDY_MARK)? {
             return Err(OutputError::Foreign { path });
         }
@@ -196,31 +210,58 @@ fn names(folder: &Path) -> Result<Vec<String>, OutputError> {
     Ok(names)
 }
 
+/// Something in the folder that is more than a run leaves that is killed before its first checkpoint, or a
+/// study before its journal.
+fn occupant(path: &Path) -> Result<Option<String>, OutputError> {
+    for name in names(path)? {
+        let inner = path.join(&name);
+        let begun = name.starts_with(PARTIAL_PREFIX)
+            || name == CHECKPOINTS
+                && is_folder(&inner)
+                && names(&inner)?.iter().all(|n| n.starts_with(PARTIAL_PREFIX))
+            || name == STUDY && is_file(&inner) && begins_with(&inner, STUDY_MARK)?;
+        if !begun {
+            return Ok(Some(name));
+        }
+    }
+    Ok(None)
+}
+
+/// Removes what a crash left unfinished.
+fn remove_partial(path: &Path) -> Result<(), OutputError> {
+    let inner = [FRAMES, CHECKPOINTS].map(|name| path.join(name)).into_iter().filter(|f| is_folder(f));
+    for folder in std::iter::once(path.to_owned()).chain(inner) {
+        for name in names(&folder)?.iter().filter(|name| name.starts_with(PARTIAL_PREFIX)) {
+            remove_file(&folder.join(name))?;
+        }
+    }
+    Ok(())
+}
+
+/// Checkpoints go first: without them, what is left when this is interrupted is not taken for a run.
 fn remove_own(path: &Path) -> Result<(), OutputError> {
+    remove_own_in(&path.join(CHECKPOINTS), is_checkpoint)?;
     for name in names(path)? {
         let file = path.join(&name);
         if is_file(&file)
             && (OWN_FILES.contains(&name.as_str())
-                || name.starts_with(PARTIAL_PREFIX)
                 || (file.extension().is_some_and(|e| e == "svg") && begins_with(&file, SVG_MARK)?)
-                || (name == "study.toml" && begins_with(&file, STUDY_MARK)?))
+                || (name == STUDY && begins_with(&file, STUDY_MARK)?))
         {
             remove_file(&file)?;
         }
     }
-    remove_own_in(&path.join("frames"), is_frame)?;
-    remove_own_in(&path.join("checkpoint"), is_checkpoint)
+    remove_own_in(&path.join(FRAMES), is_frame)
 }
 
 /// Removes a folder's files whose names are `own`, and the folder if nothing is left in it.
 fn remove_own_in(folder: &Path, own: impl Fn(&str) -> bool) -> Result<(), OutputError> {
-    // A link may lead to somebody else's files.
-    if !folder.symlink_metadata().is_ok_and(|m| m.is_dir()) {
+    if !is_folder(folder) {
         return Ok(());
     }
     for name in names(folder)? {
         let file = folder.join(&name);
-        if is_file(&file) && (own(&name) || name.starts_with(PARTIAL_PREFIX)) {
+        if is_file(&file) && own(&name) {
             remove_file(&file)?;
         }
     }
@@ -234,6 +275,11 @@ fn remove_own_in(folder: &Path, own: impl Fn(&str) -> bool) -> Result<(), Output
 
 fn remove_file(file: &Path) -> Result<(), OutputError> {
     fs::remove_file(file).map_err(|e| OutputError::io(file, "remove this file", e))
+}
+
+/// Whether it is a folder and no link, which may lead to somebody else's files.
+fn is_folder(path: &Path) -> bool {
+    path.symlink_metadata().is_ok_and(|m| m.is_dir())
 }
 
 fn is_file(path: &Path) -> bool {

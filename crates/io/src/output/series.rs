@@ -43,6 +43,9 @@ impl SeriesWriter {
     /// [`OutputError::Malformed`] if the columns are others or there are fewer rows,
     /// [`OutputError::Io`].
     pub fn resume(path: &Path, columns: &[&str], rows: u64) -> Result<Self, OutputError> {
+        if rows == 0 {
+            return Self::create(path, columns);
+        }
         let text = read_text(path)?;
         let header = header(path, columns)?;
         let malformed = |what: String| OutputError::Malformed { path: path.to_owned(), what };
@@ -54,16 +57,13 @@ impl SeriesWriter {
             ));
         };
         let ends = || body.iter().enumerate().filter(|(_, byte)| **byte == b'\n').map(|(at, _)| at + 1);
-        let length = match rows.checked_sub(1) {
-            None => 0,
-            Some(last) => ends().nth(last as usize).ok_or_else(|| {
-                malformed(format!(
-                    "holds {} rows, but the checkpoint was taken after {rows}: put the missing rows back, or \
-                     start again with --force",
-                    ends().count()
-                ))
-            })?,
-        };
+        let length = ends().nth(rows as usize - 1).ok_or_else(|| {
+            malformed(format!(
+                "holds {} rows, but the checkpoint was taken after {rows}: put the missing rows back, or \
+                 start again with --force",
+                ends().count()
+            ))
+        })?;
         let writer = Self::append_to(path, columns.len(), rows)?;
         let end = (header.len() + length) as u64;
         writer.file.set_len(end).map_err(|e| OutputError::io(path, "cut rows off this file", e))?;

@@ -22,7 +22,8 @@ pub struct Summary {
     pub provenance: Provenance,
     /// The device that computed, as `glebe devices` names it.
     pub device: String,
-    /// Hex digest of the complete final state: equal runs have equal hashes.
+    /// Hex digest of the complete final state: equal runs have equal hashes. Empty if the state was lost with the
+    /// device.
     pub state_hash: String,
     /// What became of the particles.
     pub particles: Particles,

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glebe_engine::SetupError;
+use glebe_engine::backend::BYTES_PER_PARTICLE;
 use glebe_engine::generate::{FillRequest, Region, SizeDistribution, generate, solid_volume, worst_overlap};
 use glebe_engine::spec::{
     Action, Domain, Measure, Motion, ParticleSet, Pose, Shape, Side, Stage, Surface, Vec3, WorldSpec,
@@ -16,7 +17,7 @@ use super::error::{Place, SceneError};
 use super::model::{GeometryPart, GeometryShape, Origin, ParticlePart, Scene, ScenePlaces, StagePart};
 use super::shapes;
 use crate::mesh::{self, MeshReport, Transform, assemble};
-use crate::particles;
+use crate::{input, particles};
 
 /// Meshes longer than this were probably drawn in another unit \[m\].
 const LONGEST: f64 = 20.0;
@@ -77,6 +78,15 @@ impl BuiltScene {
 }
 
 impl Scene {
+    /// How many particles are to be generated; those of files are not known before they are read.
+    pub fn generated(&self) -> usize {
+        let count = |part: &ParticlePart| match part.origin {
+            Origin::Generated { count, .. } => count,
+            Origin::File(_) => 0,
+        };
+        self.particles.iter().map(count).sum()
+    }
+
     /// Reads the meshes and particle files (relative to `base_dir`, the scene's folder) and makes a world.
     ///
     /// # Errors
@@ -243,6 +253,10 @@ impl Build<'_> {
                 assemble(&soup.iter().map(|corners| corners.map(scaled)).collect::<Vec<_>>())
             }
         };
+        if mesh.triangles.is_empty() {
+            self.bad_shape(place, format!("geometry `{}` has no triangle with an area", part.name.value));
+            return None;
+        }
         let placed: Vec<Vec3> = mesh.vertices.iter().map(|x| place_point(&pose, *x)).collect();
         let fold = |start: f64, f: fn(f64, f64) -> f64| {
             [0, 1, 2].map(|k| placed.iter().map(|x| x[k]).fold(start, f))
@@ -264,7 +278,7 @@ impl Build<'_> {
             let message = format!("geometry `{}` is {longest:.1} m long", part.name.value);
             let warning = SceneError::new("unit", &part.shape.place, message)
                 .label("this file")
-                .help("if it was drawn in millimetres, set scale = 0.001");
+                .help("if it was drawn in millimetres, set unit = \"mm\"");
             self.found.push(warning.warning());
         }
     }
@@ -310,6 +324,7 @@ impl Build<'_> {
         let names = self.scene.materials.iter().enumerate().map(|(id, m)| (m.name.clone(), id)).collect();
         let default = part.material.as_ref().map(|m| self.scene.material_id(m));
         match columns.into_set(&names, default) {
+            Ok(set) if !self.fits(part, all.len() + set.len(), place) => {}
             Ok(set) => {
                 for i in 0..set.len() {
                     let velocity = set.velocity.get(i).copied().unwrap_or(part.velocity);
@@ -327,6 +342,24 @@ impl Build<'_> {
         }
     }
 
+    /// Whether there is memory for so many particles; if not, that is an error of this group.
+    fn fits(&mut self, part: &ParticlePart, count: usize, place: &Place) -> bool {
+        let needed = (count as f64 * BYTES_PER_PARTICLE) as u64;
+        let Some(free) = input::free_memory().filter(|free| needed > *free) else { return true };
+        let message = format!(
+            "with `{}` there are {count} particles, which take about {} of memory; {} are free",
+            part.name.value,
+            input::size(needed),
+            input::size(free)
+        );
+        self.found.push(
+            SceneError::new("memory", place, message)
+                .label("too many")
+                .help("take fewer particles, or a machine with more memory"),
+        );
+        false
+    }
+
     fn generate(&mut self, part: &ParticlePart, index: usize, all: &mut ParticleSet) {
         let Origin::Generated { count, sizes, fill, region, solid_fraction, seed, place } = &part.origin
         else {
@@ -341,7 +374,10 @@ impl Build<'_> {
             let message = format!("particles `{}` cannot be generated: {why}", part.name.value);
             SceneError::new("generate", place, message).label("this many")
         };
-        // Before anything is drawn: the radii of a slip of some zeros would fill the memory.
+        if !self.fits(part, all.len() + count, place) {
+            return;
+        }
+        // Before anything is drawn: the search for room that is not there takes long.
         let (needed, volume) =
             (*count as f64 * solid_volume(&[small_radius(sizes)]), Region::walled(min, max).volume());
         if needed > volume {
@@ -476,17 +512,13 @@ impl Build<'_> {
 /// a bulge inside its limits a quarter of the bulge's radius.
 fn small_radius(sizes: &SizeDistribution) -> f64 {
     match *sizes {
-        SizeDistribution::Constant(radius) => radius,
         SizeDistribution::Normal { mean: middle, min, max, .. }
         | SizeDistribution::LogNormal { median: middle, min, max, .. }
             if (min..=max).contains(&middle) =>
         {
             min.max(0.25 * middle)
         }
-        SizeDistribution::Uniform { min, .. }
-        | SizeDistribution::Normal { min, .. }
-        | SizeDistribution::LogNormal { min, .. } => min,
-        _ => 0.0,
+        _ => sizes.limits().0,
     }
 }
 

@@ -20,6 +20,7 @@ pub(crate) enum Checked {
     Text(String),
     Vector([f64; 3]),
     Window([f64; 2]),
+    Numbers(Vec<f64>),
     Names(Vec<Located<String>>),
     Law(LawChoice),
     /// As written.
@@ -82,6 +83,7 @@ impl Record {
     getter!(flag, Bool, bool, false);
     getter!(vector, Vector, [f64; 3], [f64::NAN; 3]);
     getter!(law, Law, LawChoice, LawChoice::named(""));
+    getter!(numbers, Numbers, Vec<f64>, Vec::new());
     getter!(names, Names, Vec<Located<String>>, Vec::new());
 
     pub fn number_if(&self, key: &str) -> Option<f64> {
@@ -160,6 +162,10 @@ impl Known {
         name.match_indices('-').find_map(|(at, _)| Some([find(&name[..at])?, find(&name[at + 1..])?]))
     }
 }
+
+/// Bounds of numbers: the squares of those within have a place in f32.
+const LARGEST: f64 = 1e18;
+const SMALLEST: f64 = 1e-18;
 
 /// Components of a force or torque that can be measured.
 pub(crate) const COMPONENTS: &[&str] = &["fx", "fy", "fz", "tx", "ty", "tz", "draught"];
@@ -329,11 +335,14 @@ impl Checker<'_> {
                 self.one_of(text, &words, &node.place, &format!("a value of `{path}`")).map(Checked::Text)
             }
             (Kind::Vector(dimension), Value::Array(items)) if items.len() == 3 => {
-                self.numbers::<3>(items, *dimension, field, path).map(Checked::Vector)
+                self.numbers(items, *dimension, field, path)?.try_into().ok().map(Checked::Vector)
+            }
+            (Kind::Numbers(dimension), Value::Array(items)) if items.len() >= 2 => {
+                self.numbers(items, *dimension, field, path).map(Checked::Numbers)
             }
             (Kind::Direction, _) => self.direction(node, kind, field, path),
             (Kind::Window(dimension), Value::Array(items)) if items.len() == 2 => {
-                let [from, to] = self.numbers::<2>(items, *dimension, field, path)?;
+                let [from, to] = self.numbers(items, *dimension, field, path)?.try_into().ok()?;
                 if from < to {
                     return Some(Checked::Window([from, to]));
                 }
@@ -417,6 +426,14 @@ impl Checker<'_> {
             self.error(SceneError::new("range", &node.place, message).label("not finite"));
             return None;
         }
+        let positive = field.range.min_excluded && field.range.min == 0.0;
+        if value.abs() > LARGEST || positive && value > 0.0 && value < SMALLEST {
+            let message = format!("`{path}` is {}, which cannot be computed with", node.place.text());
+            self.error(SceneError::new("range", &node.place, message).label("out of range").help(format!(
+                "in SI units numbers go up to {LARGEST:e} and, where they must be above 0, down to {SMALLEST:e}"
+            )));
+            return None;
+        }
         if !field.range.contains(value) {
             let written = node.place.text();
             self.error(
@@ -443,17 +460,17 @@ impl Checker<'_> {
         Some(value)
     }
 
-    fn numbers<const N: usize>(
+    fn numbers(
         &mut self,
         items: &[Node],
         dimension: Dimension,
         field: &Field,
         path: &str,
-    ) -> Option<[f64; N]> {
+    ) -> Option<Vec<f64>> {
         // All components are looked at, so that each mistake is reported.
         let values: Vec<Option<f64>> =
             items.iter().map(|item| self.number(item, dimension, field, path)).collect();
-        values.into_iter().collect::<Option<Vec<f64>>>()?.try_into().ok()
+        values.into_iter().collect()
     }
 
     fn integer(&mut self, node: &Node, field: &Field, path: &str) -> Option<Checked> {
@@ -483,7 +500,7 @@ impl Checker<'_> {
                 unit
             }
             Value::Array(items) if items.len() == 3 => {
-                self.numbers::<3>(items, Dimension::NONE, field, path)?
+                self.numbers(items, Dimension::NONE, field, path)?.try_into().ok()?
             }
             _ => return self.wrong_kind(node, kind, path),
         };
@@ -697,7 +714,10 @@ fn fits(kind: &Kind, value: &Value) -> bool {
     match (kind, value) {
         (Kind::Number(_), Value::Integer(_) | Value::Float(_))
         | (Kind::Table(_) | Kind::Named(..), Value::Table(_))
-        | (Kind::Vector(_) | Kind::Window(_) | Kind::LowHigh(_) | Kind::List(_), Value::Array(_)) => true,
+        | (
+            Kind::Vector(_) | Kind::Window(_) | Kind::Numbers(_) | Kind::LowHigh(_) | Kind::List(_),
+            Value::Array(_),
+        ) => true,
         (Kind::Number(_), Value::Text(text)) => numeric(text),
         (Kind::Words(_), Value::Text(text)) => !numeric(text),
         _ => false,

@@ -60,6 +60,9 @@ impl Node {
     }
 }
 
+/// Mistakes of syntax that are looked at; of a file that is not TOML at all, every byte may be one.
+const MOST_SYNTAX_ERRORS: usize = 1000;
+
 /// Parses a document; with syntax errors, the first of each line.
 pub(crate) fn parse(source: &Arc<Source>) -> Result<Node, Vec<SceneError>> {
     let (root, errors) = DeTable::parse_recoverable(source.text());
@@ -67,7 +70,8 @@ pub(crate) fn parse(source: &Arc<Source>) -> Result<Node, Vec<SceneError>> {
         Ok(Node { place: Place::new(source, 0..0), value: table(source, 0, root.into_inner()) })
     } else {
         // What follows a mistake on its own line is mostly its echo.
-        let mut found: Vec<SceneError> = errors.iter().map(|error| syntax(source, error)).collect();
+        let mut found: Vec<SceneError> =
+            errors.iter().take(MOST_SYNTAX_ERRORS).map(|error| syntax(source, error)).collect();
         found.dedup_by_key(|error| error.place().line_column().0);
         Err(found)
     }

@@ -196,7 +196,9 @@ static PARTICLES: TableSpec = TableSpec {
     doc: "A group of particles, read from a file or generated.",
     fields: &[
         Field::new("material", Kind::Reference(Names::Material), "Their material.").optional("named by the file's column `material`"),
-        Field::new("file", Kind::Path, "CSV file with a header naming x, y, z and R [m]; optionally vx, vy, vz [m/s], wx, wy, wz [rad/s] and material, which then count.")
+        Field::new("file", Kind::Path, "CSV file with a header naming x, y, z and R [m], or with units as `R [mm]`; optionally vx, vy, vz [m/s], \
+             wx, wy, wz [rad/s] and material, which then count. Or VTU or VTP with an array radius; optionally \
+             velocity, angular_velocity and material, the scene's materials counted from 0.")
             .optional("the particles are generated"),
         Field::new("count", Kind::Integer, "How many to generate.").optional("the particles are read from `file`").at_least(1.0).at_most(4e9),
         Field::new("radius", Kind::Either(&[LENGTH, Kind::Table(&SIZES)]), "Radius [m], or a distribution of radii.")
@@ -215,7 +217,7 @@ static PARTICLES: TableSpec = TableSpec {
 };
 
 static SIZES: TableSpec = TableSpec {
-    doc: "A distribution of radii, by number.",
+    doc: "A distribution of radii: by number, or by mass as a sieve curve.",
     fields: &[
         Field::new("uniform", Kind::Window(Dimension::LENGTH), "Evenly between two radii [m].")
             .optional("another distribution")
@@ -223,8 +225,30 @@ static SIZES: TableSpec = TableSpec {
             .usual(1e-6, 10.0),
         Field::new("normal", Kind::Table(&NORMAL), "Normal.").optional("another distribution"),
         Field::new("log_normal", Kind::Table(&LOG_NORMAL), "Log-normal.").optional("another distribution"),
+        Field::new("sieve", Kind::Table(&SIEVE), "A sieve curve, by mass.").optional("another distribution"),
     ],
-    rules: &[Rule::ExactlyOne(&["uniform", "normal", "log_normal"])],
+    rules: &[Rule::ExactlyOne(&["uniform", "normal", "log_normal", "sieve"])],
+};
+
+static SIEVE: TableSpec = TableSpec {
+    doc: "A sieve curve: the share of the mass that passes each opening, straight over the logarithm of the opening.",
+    fields: &[
+        Field::new(
+            "opening",
+            Kind::Numbers(Dimension::LENGTH),
+            "Openings [m], ascending; a sphere passes whose diameter is smaller.",
+        )
+        .above(0.0)
+        .usual(2e-6, 20.0),
+        Field::new(
+            "passing",
+            Kind::Numbers(Dimension::NONE),
+            "Share of the mass that passes each opening: from 0 at the first to 1 at the last.",
+        )
+        .at_least(0.0)
+        .at_most(1.0),
+    ],
+    rules: &[],
 };
 
 static NORMAL: TableSpec = TableSpec {
@@ -266,7 +290,9 @@ static GEOMETRY: TableSpec = TableSpec {
     doc: "A tool or wall: one shape, placed by scale, then rotate, then translate.",
     fields: &[
         Field::new("material", Kind::Reference(Names::Material), "Its material."),
-        Field::new("file", Kind::Path, "Mesh file: STL (ASCII or binary) or OBJ.").optional("another shape"),
+        Field::new("file", Kind::Path, "Mesh file: STL, PLY or OBJ, relative to the scene.")
+            .optional("another shape"),
+        Field::new("unit", Kind::Words(FILE_UNITS), "Unit of the coordinates in `file`.").optional("metres"),
         Field::new("box", Kind::Table(&REGION), "A closed box; both sides of its faces act.")
             .optional("another shape"),
         Field::new("plane", Kind::Table(&PLANE), "An unbounded plane.").optional("another shape"),
@@ -277,7 +303,7 @@ static GEOMETRY: TableSpec = TableSpec {
         Field::new(
             "scale",
             Kind::Either(&[NUMBER, Kind::Vector(Dimension::NONE)]),
-            "Factor on coordinates, or [x, y, z] factors, for example 0.001 for a file in millimetres.",
+            "Factor on coordinates, or [x, y, z] factors.",
         )
         .or("1.0")
         .above(0.0),
@@ -286,8 +312,15 @@ static GEOMETRY: TableSpec = TableSpec {
         Field::new("motion", Kind::Table(&MOTION), "How it moves in stages that do not say otherwise.")
             .or("{}"),
     ],
-    rules: &[Rule::ExactlyOne(SHAPES), Rule::Excludes("plane", &["scale", "rotate"])],
+    rules: &[
+        Rule::ExactlyOne(SHAPES),
+        Rule::Excludes("plane", &["scale", "rotate"]),
+        Rule::Needs("unit", &["file"]),
+    ],
 };
+
+/// Units that files are drawn in.
+const FILE_UNITS: &[&str] = &["m", "cm", "mm", "um", "km", "in", "ft"];
 
 /// The keys of a geometry that give its shape.
 pub(crate) const SHAPES: &[&str] = &["file", "box", "plane", "sweep", "drum", "hopper"];
@@ -507,8 +540,16 @@ static OUTPUT: TableSpec = TableSpec {
         Field::new("energy_ledger", Kind::Bool, "Whether dissipated energy is accounted each step.")
             .or("true"),
         Field::new("checkpoint", TIME, "Simulated time between checkpoints [s].")
-            .optional("at stage ends and when interrupted")
+            .optional("no such; see `checkpoint_wall`")
             .above(0.0),
+        Field::new(
+            "checkpoint_wall",
+            TIME,
+            "Wall time between checkpoints [s]; others are written at the beginning, at stage ends and when interrupted.",
+        )
+        .or("\"1 min\"")
+        .at_least(0.0)
+        .at_most(1e9),
     ],
     rules: &[],
 };

@@ -32,7 +32,6 @@ mod shapes;
 pub(crate) mod spelling;
 pub(crate) mod table;
 
-use std::fs;
 use std::path::Path;
 
 pub use build::{BuiltScene, PlacedMesh};
@@ -47,6 +46,13 @@ pub use shapes::drum_mesh;
 use check::{Checker, Known};
 use document::Node;
 
+use crate::input;
+
+/// Scenes are read up to this size \[bytes\]: particles and meshes have files of their own.
+pub(crate) const MOST_BYTES: u64 = 1 << 20;
+/// Mistakes that are told at once.
+const MOST_ERRORS: usize = 100;
+
 impl Scene {
     /// Reads the scene file `path` and applies `sets` (`path=value`, see [`Scene::parse`]).
     ///
@@ -54,7 +60,8 @@ impl Scene {
     /// Everything that is wrong with it, in the order of the file.
     pub fn load(path: &Path, sets: &[String]) -> Result<Self, Vec<SceneError>> {
         let help = "give the path of a scene file; `glebe new` makes one";
-        let text = fs::read_to_string(path).map_err(|e| vec![SceneError::unreadable(path, &e, help)])?;
+        let text =
+            input::read_text(path, MOST_BYTES).map_err(|e| vec![SceneError::unreadable(path, &e, help)])?;
         Self::parse(&path.display().to_string(), &text, sets)
     }
 
@@ -69,7 +76,7 @@ impl Scene {
     /// is not TOML has no other errors.
     pub fn parse(name: &str, text: &str, sets: &[String]) -> Result<Self, Vec<SceneError>> {
         let source = Source::new(name, text);
-        let mut root = document::parse(&source)?;
+        let mut root = document::parse(&source).map_err(first)?;
         let misplaced = set::apply(&mut root, &fields::SCENE, sets);
         let known = known(&root);
         let mut checker = Checker { known: &known, found: misplaced };
@@ -85,8 +92,21 @@ impl Scene {
         errors.sort_by_key(|e| {
             if e.place().source().name() == name { e.place().span().start } else { usize::MAX }
         });
-        Err(errors)
+        Err(first(errors))
     }
+}
+
+/// As many errors as people read, and a word about the others.
+pub(crate) fn first(mut errors: Vec<SceneError>) -> Vec<SceneError> {
+    let more = errors.len().saturating_sub(MOST_ERRORS);
+    errors.truncate(MOST_ERRORS);
+    if more > 0
+        && let Some(last) = errors.last()
+    {
+        let message = format!("there are {more} more mistakes behind this one");
+        errors.push(SceneError::new("more", last.place(), message).help("mend those above first"));
+    }
+    errors
 }
 
 /// The names that a file defines, gathered before anything else is looked at.

@@ -12,6 +12,7 @@ use super::check::{Checked, Checker, Record};
 use super::error::{Located, Place, SceneError};
 use super::fields::{ENDS, HISTORIES, INTEGRATORS, MIXING_RULES, SHAPES, SHEAR_MODULI, SIDES};
 use crate::tool::Sweep;
+use crate::units::{self, Dimension};
 
 /// A scene file that passed every check that needs no other file. Numbers are in SI units.
 ///
@@ -55,6 +56,8 @@ pub struct Scene {
     pub sampling: Sampling,
     /// Simulated time between checkpoints \[s\]; absent for stage ends only.
     pub checkpoint: Option<f64>,
+    /// Wall time between checkpoints \[s\].
+    pub checkpoint_wall: f64,
     /// What looks wrong but does not stop a run.
     pub warnings: Vec<SceneError>,
     /// What was added without being asked for, for the log.
@@ -109,7 +112,7 @@ pub struct ParticlePart {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum Origin {
-    /// A CSV file, relative to the scene.
+    /// A CSV, VTU or VTP file, relative to the scene.
     File(Located<PathBuf>),
     /// Generated.
     Generated {
@@ -139,7 +142,7 @@ pub struct GeometryPart {
     pub material: String,
     /// Its shape.
     pub shape: Located<GeometryShape>,
-    /// Factors on coordinates \[-\], > 0.
+    /// Factors on coordinates \[-\], or \[m per unit of the file\], > 0.
     pub scale: Vec3,
     /// Turns after scaling: unit axis through the origin, angle \[rad\].
     pub rotate: Vec<(Vec3, f64)>,
@@ -297,6 +300,7 @@ pub(crate) fn scene(file: &Record, checker: &mut Checker) -> Scene {
             energy_ledger: output.flag("energy_ledger"),
         },
         checkpoint: output.number_if("checkpoint"),
+        checkpoint_wall: output.number("checkpoint_wall"),
         warnings: Vec::new(),
         notes: Vec::new(),
         places: ScenePlaces {
@@ -493,9 +497,43 @@ fn sizes(record: &Record, checker: &mut Checker) -> SizeDistribution {
         let (median, sigma) = (t.number("median"), t.number("sigma"));
         let (min, max) = limits(t, median * (-3.0 * sigma).exp(), median * (3.0 * sigma).exp());
         SizeDistribution::LogNormal { median, sigma, min, max }
+    } else if let Some(t) = table.table("sieve") {
+        sieve(t, checker)
     } else {
         SizeDistribution::Constant(f64::NAN)
     }
+}
+
+fn sieve(t: &Record, checker: &mut Checker) -> SizeDistribution {
+    let (opening, passing) = (t.numbers("opening"), t.numbers("passing"));
+    let descent = |list: &[f64], wrong: fn(f64, f64) -> bool| {
+        list.iter().zip(list.iter().skip(1)).map(|(a, b)| (*a, *b)).find(|(a, b)| wrong(*a, *b))
+    };
+    let mut wrong = |key: &str, message: String, help: &str| {
+        checker.error(SceneError::new("order", t.place(key), message).label("this list").help(help));
+    };
+    // Lists whose numbers failed have their own errors.
+    if let (Some(first), Some(last)) = (passing.first(), passing.last())
+        && !opening.is_empty()
+    {
+        if opening.len() != passing.len() {
+            let message = format!("a sieve curve of {} openings and {} shares", opening.len(), passing.len());
+            wrong("passing", message, "give one share for each opening");
+        }
+        if let Some((before, after)) = descent(&opening, |a, b| a >= b) {
+            let message = format!("the opening {after} m follows {before} m");
+            wrong("opening", message, "list the openings from the finest to the coarsest");
+        }
+        if let Some((before, after)) = descent(&passing, |a, b| a > b) {
+            let message = format!("the share {after} follows {before}");
+            wrong("passing", message, "a coarser sieve lets no less mass pass");
+        }
+        if (*first, *last) != (0.0, 1.0) {
+            let message = format!("the shares go from {first} to {last}");
+            wrong("passing", message, "they go from 0 at the finest opening to 1 at the coarsest");
+        }
+    }
+    SizeDistribution::Sieve(opening.iter().map(|d| 0.5 * d).zip(passing).collect())
 }
 
 fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> GeometryPart {
@@ -503,6 +541,11 @@ fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> G
         Some(Checked::Vector(factors)) => *factors,
         _ => [record.number("scale"); 3],
     };
+    // One of a list of lengths.
+    let unit = record
+        .located_if("unit")
+        .and_then(|unit| units::parse(&format!("1 {}", unit.value), Dimension::LENGTH).ok());
+    let unit = unit.unwrap_or(1.0);
     let key = SHAPES.iter().copied().find(|key| record.has(key)).unwrap_or("file");
     let count = |t: &Record| u32::try_from(t.integer("segments")).unwrap_or(u32::MAX);
     let shape = match (key, record.table(key)) {
@@ -538,7 +581,7 @@ fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> G
         name: name.clone(),
         material: record.text("material"),
         shape: Located { value: shape, place: record.place(key).clone() },
-        scale,
+        scale: scale.map(|factor| factor * unit),
         rotate: record.list("rotate").iter().map(|t| (t.vector("axis"), t.number("angle"))).collect(),
         translate,
         motion: motion.map(|m| m.motion).unwrap_or_default(),
@@ -696,13 +739,7 @@ fn sizes_fit_domain(file: &Record, scene: &Scene, checker: &mut Checker) {
     let width = (0..3).map(|k| scene.domain.max[k] - scene.domain.min[k]).fold(f64::INFINITY, f64::min);
     for ((_, record), part) in file.named("particles").iter().zip(&scene.particles) {
         let Origin::Generated { sizes, .. } = &part.origin else { continue };
-        let (least, largest) = match *sizes {
-            SizeDistribution::Constant(r) => (r, r),
-            SizeDistribution::Uniform { min, max }
-            | SizeDistribution::Normal { min, max, .. }
-            | SizeDistribution::LogNormal { min, max, .. } => (min, max),
-            _ => continue,
-        };
+        let (least, largest) = sizes.limits();
         let problem = if 2.0 * largest > width {
             "wider than the domain"
         } else if least < 1e-4 * width {

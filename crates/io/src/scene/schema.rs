@@ -109,6 +109,9 @@ fn kind(of: &Kind, range: Range, definitions: &mut Definitions) -> Json {
             list(&json!({ "type": "number" }), 3),
         ] }),
         Kind::Window(dimension) => list(&number(*dimension, range, definitions), 2),
+        Kind::Numbers(dimension) => {
+            json!({ "type": "array", "items": number(*dimension, range, definitions), "minItems": 2 })
+        }
         Kind::Reference(names) => {
             let examples: Vec<String> = match names {
                 Names::Material => built_in().into_iter().map(|m| m.name).collect(),

@@ -113,7 +113,9 @@ fn descend(
             .or_else(|| key.value.parse().ok());
         let inner = match kind {
             Kind::List(spec) => Kind::Table(spec),
-            Kind::Vector(dimension) | Kind::Window(dimension) => Kind::Number(dimension),
+            Kind::Vector(dimension) | Kind::Window(dimension) | Kind::Numbers(dimension) => {
+                Kind::Number(dimension)
+            }
             Kind::LowHigh(side) => *side,
             _ => return Err(nowhere(&[])),
         };
@@ -172,7 +174,7 @@ fn alternative(kind: &Kind, node: &Node, key: &str) -> Kind {
     let is_list = matches!(node.value, Value::Array(_));
     let fits = |k: &&Kind| match k {
         Kind::Table(spec) => spec.field(key).is_some() || !is_list,
-        Kind::Vector(_) | Kind::Window(_) | Kind::LowHigh(_) | Kind::List(_) => is_list,
+        Kind::Vector(_) | Kind::Window(_) | Kind::Numbers(_) | Kind::LowHigh(_) | Kind::List(_) => is_list,
         _ => false,
     };
     kinds.iter().find(fits).copied().unwrap_or(*kind)

@@ -44,6 +44,8 @@ pub(crate) enum Kind {
     Direction,
     /// `[from, to]`, `from < to`.
     Window(Dimension),
+    /// A list of two numbers or more.
+    Numbers(Dimension),
     /// The name of something defined in the file.
     Reference(Names),
     /// A list of such names.
@@ -223,6 +225,7 @@ impl Kind {
             Self::Vector(dimension) => format!("[x, y, z], each {}", dimension.expected()),
             Self::Direction => "a direction, such as [0, 0, 1] or \"z\"".to_owned(),
             Self::Window(dimension) => format!("[from, to], each {}", dimension.expected()),
+            Self::Numbers(dimension) => format!("a list of two or more, each {}", dimension.expected()),
             Self::Reference(names) => format!("the name of a {}", names.noun()),
             Self::References(names) => format!("a list of names of {}s", names.noun()),
             Self::Probe => "a surface and its component, such as \"tool.fx\"".to_owned(),

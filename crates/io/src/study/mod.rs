@@ -17,10 +17,9 @@
 mod fields;
 
 use std::fmt;
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::scene::Located;
+use crate::input;
 use crate::scene::check::{Checker, Known, Record, quoted};
 use crate::scene::document::{self, Node, Value as Written};
 use crate::scene::error::{Place, SceneError, Source};
@@ -29,6 +28,7 @@ use crate::scene::schema::schema_of;
 use crate::scene::set;
 use crate::scene::spelling::advice;
 use crate::scene::table::{Field, Kind};
+use crate::scene::{Located, MOST_BYTES, first};
 use crate::units::Dimension;
 use fields::{SAMPLERS, STUDY};
 
@@ -189,7 +189,8 @@ impl Study {
     /// Everything that is wrong with it, in the order of the file.
     pub fn load(path: &Path, sets: &[String]) -> Result<Self, Vec<SceneError>> {
         let help = "give the path of a study file; `glebe new NAME --template sweep` makes one";
-        let text = fs::read_to_string(path).map_err(|e| vec![SceneError::unreadable(path, &e, help)])?;
+        let text =
+            input::read_text(path, MOST_BYTES).map_err(|e| vec![SceneError::unreadable(path, &e, help)])?;
         let folder = path.parent().unwrap_or(Path::new(""));
         Self::parse(&path.display().to_string(), &text, folder, sets)
     }
@@ -203,7 +204,7 @@ impl Study {
     /// the worlds of the scene is found when they are made.
     pub fn parse(name: &str, text: &str, folder: &Path, sets: &[String]) -> Result<Self, Vec<SceneError>> {
         let source = Source::new(name, text);
-        let mut root = document::parse(&source)?;
+        let mut root = document::parse(&source).map_err(first)?;
         let found = set::apply(&mut root, &STUDY, sets);
         let known = Known::default();
         let checker = Checker { known: &known, found };
@@ -226,7 +227,12 @@ impl Study {
         errors.sort_by_key(|e| {
             if e.place().source().name() == name { e.place().span().start } else { usize::MAX }
         });
-        Err(errors)
+        Err(first(errors))
+    }
+
+    /// Whether a file can be read and is meant to be a study.
+    pub fn is_at(path: &Path) -> bool {
+        input::read_text(path, MOST_BYTES).is_ok_and(|text| Self::is_meant(&text))
     }
 
     /// Whether a text is meant to be a study rather than a scene: it says what varies, or names a scene.
@@ -252,9 +258,10 @@ struct Reader<'a> {
 impl Reader<'_> {
     /// The scene's own mistakes of syntax are told alone: nothing can be looked up in it.
     fn read_scene(&mut self, path: &Located<PathBuf>) -> Result<(), Vec<SceneError>> {
-        match fs::read_to_string(&path.value) {
+        match input::read_text(&path.value, MOST_BYTES) {
             Ok(text) => {
-                let root = document::parse(&Source::new(&path.value.display().to_string(), &text))?;
+                let root =
+                    document::parse(&Source::new(&path.value.display().to_string(), &text)).map_err(first)?;
                 self.scene = Some(root);
                 self.scene_text = text;
             }

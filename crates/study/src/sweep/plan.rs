@@ -122,9 +122,9 @@ impl Plan {
         Ok(Some(Self { study, worlds, measures, warnings, first }))
     }
 
-    /// The first world that can be set up, to choose a device for; none if there is no such world.
-    pub fn first(&self) -> Option<&Constants> {
-        self.first.as_deref()
+    /// The first world that can be set up, to choose a device for; empty if there is no such world.
+    pub fn first(&self) -> &[Arc<Constants>] {
+        self.first.as_slice()
     }
 
     /// How many worlds cannot be set up.

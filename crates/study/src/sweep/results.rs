@@ -19,8 +19,11 @@ const CURVE: usize = 100;
 pub struct Summary {
     /// Title of the study.
     pub title: String,
-    /// Interrupted if worlds are left, failed if none is done.
+    /// Failed if the device was lost or no world is done, interrupted if worlds are left.
     pub status: summary::Status,
+    /// What happened to the device, if it was lost; worlds that it took along are left for `--resume`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
     /// What made these results; the hash is of all worlds.
     pub provenance: summary::Provenance,
     /// The device that computed.
@@ -117,7 +120,8 @@ impl Sweep<'_> {
         hash: &str,
     ) -> Result<Summary, SweepError> {
         let study = &self.plan.study;
-        let left = |w| Row::not_run(w, summary::Status::Interrupted, "stopped by the user".to_owned());
+        let why = self.lost.clone().unwrap_or_else(|| "stopped by the user".to_owned());
+        let left = |w| Row::not_run(w, summary::Status::Interrupted, why.clone());
         let rows: Vec<Row> = (0..self.plan.worlds.len())
             .map(|w| self.rows.get(&w).cloned().unwrap_or_else(|| left(w)))
             .collect();
@@ -144,10 +148,12 @@ impl Sweep<'_> {
         let summary = Summary {
             title: study.title.clone(),
             status: match counts {
+                _ if self.lost.is_some() => summary::Status::Failed,
                 Counts { interrupted: 1.., .. } => summary::Status::Interrupted,
                 Counts { done: 0, .. } => summary::Status::Failed,
                 _ => summary::Status::Done,
             },
+            reason: self.lost.clone(),
             provenance: summary::Provenance {
                 version: env!("CARGO_PKG_VERSION").to_owned(),
                 commit: self.settings.commit.clone(),

@@ -6,6 +6,7 @@ use bytemuck::Pod;
 use cubecl::prelude::*;
 use cubecl::server::Handle;
 
+use super::fault::{Fault, guarded, plain};
 use super::layout::BLOCK;
 
 /// Memory of the device.
@@ -37,31 +38,61 @@ impl Buffer {
 pub struct Device<R: Runtime> {
     client: ComputeClient<R>,
     /// First thing that went wrong; nothing that is read afterwards is true.
-    broken: OnceLock<String>,
+    broken: OnceLock<Fault>,
     /// What the driver has told of beside the calls.
-    fault: Box<dyn Fn() -> Option<String> + Send + Sync>,
+    told: Told,
+    /// Whether buffers are not taken, but measured.
+    measures: bool,
 }
+
+/// Asks what a driver has told of beside the calls.
+pub type Told = Box<dyn Fn() -> Option<Fault> + Send + Sync>;
 
 impl<R: Runtime> Device<R> {
     /// Takes a client, and a way to ask what went wrong beside its calls.
-    pub fn new(client: ComputeClient<R>, fault: Box<dyn Fn() -> Option<String> + Send + Sync>) -> Self {
-        Self { client, broken: OnceLock::new(), fault }
+    pub fn new(client: ComputeClient<R>, told: Told) -> Self {
+        Self { client, broken: OnceLock::new(), told, measures: false }
+    }
+
+    /// A device whose buffers have their lengths and next to no memory: to know what will be needed. They must not be
+    /// used.
+    pub fn measuring(client: ComputeClient<R>) -> Self {
+        Self { measures: true, ..Self::new(client, Box::new(|| None)) }
     }
 
     /// The first thing that went wrong.
-    pub fn broken(&self) -> Option<&str> {
+    pub fn broken(&self) -> Option<&Fault> {
         if self.broken.get().is_none()
-            && let Some(why) = (self.fault)()
+            && let Some(fault) = (self.told)()
         {
-            self.breaks(why);
+            // The first cause is the one that explains the others.
+            let _ = self.broken.set(fault);
         }
-        self.broken.get().map(String::as_str)
+        self.broken.get()
     }
 
-    /// Remembers that the device cannot be trusted any more.
-    pub fn breaks(&self, why: String) {
-        // The first cause is the one that explains the others.
-        let _ = self.broken.set(why);
+    /// Remembers that the device cannot be trusted any more. What its driver has told of is the cause of what is
+    /// noticed afterwards.
+    pub fn breaks(&self, fault: Fault) {
+        if self.broken().is_none() {
+            let _ = self.broken.set(fault);
+        }
+    }
+
+    /// Whether the device gives so much memory in one piece. It is not asked for what it cannot give: the answer would
+    /// be a panic on another thread.
+    fn gives(&self, bytes: usize) -> bool {
+        let most = self.client.properties().memory.max_page_size;
+        let fits = bytes as u64 <= most;
+        if !fits {
+            let mb = |bytes: u64| bytes.div_ceil(1_000_000);
+            self.breaks(Fault::full(&format!(
+                "a buffer of {} MB was needed, and the device gives at most {} MB in one piece",
+                mb(bytes as u64),
+                mb(most)
+            )));
+        }
+        fits
     }
 
     /// The client, to launch with.
@@ -69,9 +100,14 @@ impl<R: Runtime> Device<R> {
         &self.client
     }
 
-    /// A buffer of zeros of elements of `size` bytes; never empty.
+    /// A buffer of zeros of elements of `size` bytes; never empty. A device that cannot give it is broken, and what
+    /// comes back must not be used.
     pub fn zeros(&self, len: usize, size: usize) -> Buffer {
         let len = len.max(1);
+        if self.measures {
+            return Buffer { handle: self.client.empty(size), len, size };
+        }
+        let len = if self.gives(len * size) { len } else { 1 };
         let handle = self.client.empty(len * size);
         let words = len * size / 4;
         let buffer = Buffer { handle: handle.clone(), len, size };
@@ -90,13 +126,30 @@ impl<R: Runtime> Device<R> {
         buffer
     }
 
-    /// A buffer with contents; never empty.
+    /// A buffer with contents; never empty. A device that cannot give it is broken, as for [`Self::zeros`].
     pub fn upload<T: Pod>(&self, data: &[T]) -> Buffer {
-        if data.is_empty() {
-            return self.zeros(1, size_of::<T>());
+        if data.is_empty() || self.measures || !self.gives(size_of_val(data)) {
+            return self.zeros(data.len(), size_of::<T>());
         }
         let handle = self.client.create_from_slice(bytemuck::cast_slice(data));
         Buffer { handle, len: data.len(), size: size_of::<T>() }
+    }
+
+    /// Whether the device does what it is asked to: a kernel is compiled and run, and its result read.
+    ///
+    /// # Errors
+    /// What went wrong.
+    pub fn try_out(&self) -> Result<(), Fault> {
+        let asked = [3_u32, 1, 4, 1, 5];
+        let buffer = self.zeros(asked.len(), 4);
+        self.write(&buffer, 0, &asked);
+        self.settle();
+        let found: Vec<u32> = self.read(&buffer, 0, asked.len());
+        match self.broken() {
+            Some(fault) => Err(fault.clone()),
+            None if found == asked => Ok(()),
+            None => Err(Fault::refused("a kernel was sent to it and not run")),
+        }
     }
 
     /// Whether the device's `fma` is one fused operation.
@@ -114,8 +167,10 @@ impl<R: Runtime> Device<R> {
 
     /// Waits for all launches; what went wrong in them is kept.
     pub fn settle(&self) {
-        if let Err(error) = cubecl::future::block_on(self.client.sync()) {
-            self.breaks(format!("{error:?}"));
+        match guarded(|| cubecl::future::block_on(self.client.sync())) {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => self.breaks(Fault::refused(plain(&error))),
+            Err(panic) => self.breaks(Fault::refused(panic)),
         }
     }
 
@@ -127,13 +182,16 @@ impl<R: Runtime> Device<R> {
         let part = Buffer { handle: self.client.empty(len * buffer.size), len, size: buffer.size };
         let words = buffer.size / 4;
         self.copy(buffer, from * words, &part, 0, len * words);
-        match self.client.read_one(part.handle) {
-            Ok(bytes) => bytemuck::pod_collect_to_vec(&bytes[..len * size_of::<T>()]),
-            Err(error) => {
-                self.breaks(format!("the device does not answer: {error:?}"));
-                vec![T::zeroed(); len]
+        let unanswered = |why: String| Fault::refused(format!("it does not answer: {why}"));
+        match guarded(|| self.client.read_one(part.handle)) {
+            Ok(Ok(bytes)) if bytes.len() >= len * size_of::<T>() => {
+                return bytemuck::pod_collect_to_vec(&bytes[..len * size_of::<T>()]);
             }
+            Ok(Ok(bytes)) => self.breaks(unanswered(format!("{} bytes came back", bytes.len()))),
+            Ok(Err(error)) => self.breaks(unanswered(plain(&error))),
+            Err(panic) => self.breaks(unanswered(panic)),
         }
+        vec![T::zeroed(); len]
     }
 
     /// Writes `data` into a buffer from `at` on.

@@ -7,10 +7,11 @@ use std::time::Instant;
 use cubecl::prelude::*;
 use glebe_physics::IntegratorKind;
 
-use super::device::{Buffer, Device, MOST_BLOCKS, QUAD, grid};
+use super::device::{Buffer, Device, MOST_BLOCKS, QUAD, Told, grid};
+use super::fault::Fault;
 use super::layout::{
     BLOCK, FACET_WORDS, LOOK, MERGED, NONE, PAIR_QUADS, PARTNER, PERIOD, REFER, RELIST, SECOND, SIGHTS,
-    SLICE, SLOTS, SUMS, Shape, Signature, TOUCHING, boundary, flag, halt, status,
+    SLICE, SLOTS, SUMS, Shape, Signature, TOUCHING, boundary, flag, halt, pose, status, world,
 };
 use super::step::Purpose;
 use super::tables::{Meshes, Region, Rooms, cell_room, pair_quads, stand, status_row, world_row};
@@ -121,41 +122,82 @@ fn signature(c: &Constants, fused: bool) -> Signature {
 
 impl<R: Runtime> GpuFleet<R> {
     /// Takes worlds in.
-    pub fn new(
-        client: ComputeClient<R>,
-        fault: Box<dyn Fn() -> Option<String> + Send + Sync>,
-        worlds: Vec<(Arc<Constants>, &mut State)>,
-    ) -> Self {
-        let device = Device::new(client, fault);
+    pub fn new(client: ComputeClient<R>, told: Told, worlds: Vec<(Arc<Constants>, &mut State)>) -> Self {
+        let device = Device::new(client, told);
         let fused = device.fuses();
-        let mut order: Vec<Signature> = Vec::new();
-        let mut at = Vec::with_capacity(worlds.len());
-        let mut members: Vec<Vec<(Arc<Constants>, &mut State)>> = Vec::new();
-        let mut blocks: Vec<usize> = Vec::new();
-        for (c, state) in worlds {
-            let s = signature(&c, fused);
-            let most = most_blocks(c.count);
-            let fits = |g: &usize| order[*g] == s && blocks[*g] + most <= MOST_BLOCKS;
-            let g = (0..order.len()).find(fits).unwrap_or_else(|| {
-                order.push(s);
-                members.push(Vec::new());
-                blocks.push(0);
-                order.len() - 1
-            });
-            blocks[g] += most;
-            at.push((g, members[g].len()));
-            members[g].push((c, state));
-        }
-        let groups = members
+        let (groups, at) = grouped(worlds, |(c, _)| c, fused);
+        let groups = groups
             .into_iter()
-            .zip(order)
-            .map(|(mut worlds, signature)| {
+            .map(|(signature, mut worlds)| {
                 let rooms = worlds.iter().map(|(c, s)| first_rooms(c, s.particles.len())).collect();
                 Group::new(&device, signature, &mut worlds, rooms)
             })
             .collect();
         Self { device, groups, at }
     }
+
+    /// The memory that worlds need at first. Crowds whose lists grow need more.
+    pub fn need(client: ComputeClient<R>, worlds: &[Arc<Constants>]) -> Need {
+        let device = Device::measuring(client);
+        // The same memory, however sums are rounded.
+        let (groups, _) = grouped(worlds.iter(), |c| c, true);
+        let needs = groups.into_iter().map(|(signature, worlds)| {
+            let rooms: Vec<Rooms> = worlds.iter().map(|c| first_rooms(c, c.count)).collect();
+            let counted: Vec<_> = worlds.iter().map(|c| ((*c).clone(), c.count)).collect();
+            let group = Group::allocate(&device, signature, &counted, &rooms);
+            let b = group.b.all();
+            // Tables, sums over a stretch, what surfaces feel in it, and where they stand.
+            let surfaces =
+                |c: &Constants| c.spec.surfaces.len() * 12 + c.boundaries.len() * pose::WORDS as usize;
+            let followed: usize = worlds.iter().map(|c| STRETCH as usize * surfaces(c)).sum();
+            let tables = worlds.len() * world::WORDS as usize;
+            let stretch = 4 * (group.blocks() * SUMS as usize * 2 + followed + tables);
+            Need {
+                all: (group.b.bytes() + stretch) as u64,
+                largest: b.iter().map(|b| b.bytes()).max().unwrap_or(0) as u64,
+            }
+        });
+        needs.fold(Need::default(), |sum, need| Need {
+            all: sum.all + need.all,
+            largest: sum.largest.max(need.largest),
+        })
+    }
+}
+
+/// Memory of a device \[bytes\].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Need {
+    /// In all.
+    pub all: u64,
+    /// Of the largest buffer.
+    pub largest: u64,
+}
+
+/// What worlds of one signature are together, as far as a launch reaches; and for each world its group and its place
+/// in it.
+type Grouped<W> = (Vec<(Signature, Vec<W>)>, Vec<(usize, usize)>);
+
+fn grouped<W>(
+    worlds: impl IntoIterator<Item = W>,
+    constants: impl Fn(&W) -> &Arc<Constants>,
+    fused: bool,
+) -> Grouped<W> {
+    let mut groups: Vec<(Signature, Vec<W>)> = Vec::new();
+    let (mut at, mut blocks) = (Vec::new(), Vec::<usize>::new());
+    for world in worlds {
+        let c = constants(&world);
+        let (s, most) = (signature(c, fused), most_blocks(c.count));
+        let fits = |g: &usize| groups[*g].0 == s && blocks[*g] + most <= MOST_BLOCKS;
+        let g = (0..groups.len()).find(fits).unwrap_or_else(|| {
+            groups.push((s, Vec::new()));
+            blocks.push(0);
+            groups.len() - 1
+        });
+        blocks[g] += most;
+        at.push((g, groups[g].1.len()));
+        groups[g].1.push(world);
+    }
+    (groups, at)
 }
 
 /// The most blocks of a step's launch that a world can come to need: of its particles, and of those near surfaces.
@@ -196,23 +238,24 @@ impl<R: Runtime> Fleet for GpuFleet<R> {
     }
 
     fn fault(&self, world: usize, progress: &Progress) -> Option<Failure> {
-        let why = self.device.broken()?;
+        let fault = self.device.broken()?;
         let (g, w) = self.at[world];
         Some(Failure {
             time: progress.step as f64 * self.groups[g].worlds[w].dt,
             step: progress.step,
-            what: format!("the device failed: {why}"),
-            cause:
-                "the driver was reset, the device was lost or its memory ran out; files written so far are \
-                    complete, go on from the last checkpoint"
-                    .to_owned(),
+            what: format!("the device failed: {}", fault.why),
+            cause: fault.remedy.to_owned(),
         })
     }
 
     fn observe(&mut self, world: usize, progress: &Progress) -> Moment {
         let (g, w) = self.at[world];
         let group = &mut self.groups[g];
-        group.observe(&self.device, w, progress)
+        if self.device.broken().is_some() {
+            Moment::default()
+        } else {
+            group.observe(&self.device, w, progress)
+        }
     }
 
     fn detail(&mut self, world: usize, state: &State) -> Detail {
@@ -231,12 +274,18 @@ impl<R: Runtime> Fleet for GpuFleet<R> {
 
     fn state(&self, world: usize, progress: &Progress) -> State {
         let (g, w) = self.at[world];
+        if self.device.broken().is_some() {
+            return State { progress: progress.clone(), ..State::default() };
+        }
         self.groups[g].state(&self.device, w, progress)
     }
 
     fn load(&mut self, world: usize, state: &mut State) {
         let (g, w) = self.at[world];
         let group = &mut self.groups[g];
+        if self.device.broken().is_some() {
+            return;
+        }
         group.put(&self.device, w, state);
         if let Some(needs) = group.relist(&self.device, &mut [(w, state)]) {
             group.regrow(&self.device, needs, w, state);
@@ -307,7 +356,7 @@ impl Buffers {
 }
 
 /// A world of a group and what its rebuild had no room for: entries, rows, facets.
-type Need = (usize, [u32; 3]);
+type Lack = (usize, [u32; 3]);
 
 impl Group {
     fn new<R: Runtime>(
@@ -317,7 +366,11 @@ impl Group {
         mut rooms: Vec<Rooms>,
     ) -> Self {
         loop {
-            let mut group = Self::allocate(device, signature, worlds, &rooms);
+            let counted: Vec<_> = worlds.iter().map(|(c, s)| (c.clone(), s.particles.len())).collect();
+            let mut group = Self::allocate(device, signature, &counted, &rooms);
+            if device.broken().is_some() {
+                return group;
+            }
             for w in 0..worlds.len() {
                 group.put(device, w, worlds[w].1);
             }
@@ -333,19 +386,19 @@ impl Group {
         }
     }
 
-    /// Lays worlds out and takes memory.
+    /// Lays worlds of so many particles out and takes memory.
     fn allocate<R: Runtime>(
         device: &Device<R>,
         signature: Signature,
-        worlds: &[(Arc<Constants>, &mut State)],
+        worlds: &[(Arc<Constants>, usize)],
         rooms: &[Rooms],
     ) -> Self {
         let (mut padded, mut cells, mut begins) = (0_u32, 0_u32, [0_u32; 3]);
         let (mut pairs, mut boundaries) = (0_u32, 0_u32);
         let mut regions = Vec::new();
         let (mut quads, mut meshes) = (Vec::new(), Meshes::default());
-        for ((c, state), room) in worlds.iter().zip(rooms) {
-            let count = state.particles.len();
+        for ((c, count), room) in worlds.iter().zip(rooms) {
+            let count = *count;
             let region = Region {
                 first: padded,
                 blocks: (count.max(1) as u32).div_ceil(BLOCK),
@@ -617,12 +670,15 @@ impl Group {
         &mut self,
         device: &Device<R>,
         loaded: &mut [(usize, &mut State)],
-    ) -> Option<Vec<Need>> {
+    ) -> Option<Vec<Lack>> {
         let mut jobs = vec![None; self.worlds.len()];
         for (w, state) in loaded.iter() {
             jobs[*w] = Some((&state.progress, 0, !state.progress.stale));
         }
         self.prepare(device, &jobs);
+        if device.broken().is_some() {
+            return None;
+        }
         self.begin(device, 0);
         self.rebuild(device);
         let flags = self.fetch(device);
@@ -641,8 +697,8 @@ impl Group {
         Self::needs(&flags)
     }
 
-    fn needs(flags: &[u32]) -> Option<Vec<Need>> {
-        let needs: Vec<Need> = flags
+    fn needs(flags: &[u32]) -> Option<Vec<Lack>> {
+        let needs: Vec<Lack> = flags
             .chunks_exact(flag::WORDS as usize)
             .enumerate()
             .filter(|(_, f)| f[flag::HALT as usize] == halt::ROOM)
@@ -652,7 +708,7 @@ impl Group {
     }
 
     /// Takes more memory: every world is read and put again, world `w` from `given`, which is not on the device yet.
-    fn regrow<R: Runtime>(&mut self, device: &Device<R>, needs: Vec<Need>, w: usize, given: &mut State) {
+    fn regrow<R: Runtime>(&mut self, device: &Device<R>, needs: Vec<Lack>, w: usize, given: &mut State) {
         let mut rooms: Vec<Rooms> = self.regions.iter().map(|r| r.rooms).collect();
         for need in needs {
             widen(&mut rooms, need);
@@ -717,6 +773,9 @@ impl Group {
             return;
         }
         self.b.sums = device.zeros(self.blocks() * SUMS as usize * 2, 4);
+        if device.broken().is_some() {
+            return;
+        }
         let split = self.signature.integrator == IntegratorKind::VelocityVerlet;
         if split && jobs.iter().any(|(_, j)| !j.progress.primed) {
             self.look(device, Purpose::Prime);
@@ -724,8 +783,10 @@ impl Group {
         let mut flags;
         let mut left_over = longest as u32;
         let attended = longest <= ATTENDED;
+        let mut idle = 0;
         loop {
             // Groups end where lists do.
+            let left_at_start = left_over;
             let age = jobs.iter().map(|(w, _)| self.state_word(*w, status::SINCE)).max().unwrap_or(0);
             let mut next = self.launches.min(PERIOD.saturating_sub(age).max(1));
             while left_over > 0 {
@@ -746,6 +807,14 @@ impl Group {
                 .max()
                 .unwrap_or(0);
             if open == 0 || device.broken().is_some() {
+                break;
+            }
+            // A round may end in new lists alone; several in a row have done nothing.
+            idle = if open == left_at_start { idle + 1 } else { 0 };
+            if idle == 3 {
+                device.breaks(Fault::refused(
+                    "it runs no step: its driver refused a kernel or dropped launches",
+                ));
                 break;
             }
             left_over = open;
@@ -782,9 +851,9 @@ impl Group {
             let done = u64::from(self.state_word(w, status::BASE));
             let beats = u64::from(flags[w * flag::WORDS as usize + flag::BEATS as usize]);
             if beats != done {
-                device.breaks(format!(
-                    "{beats} of {done} steps were run: the driver refused a kernel or dropped launches"
-                ));
+                device.breaks(Fault::refused(format!(
+                    "{beats} of {done} steps were run: its driver refused a kernel or dropped launches"
+                )));
                 return;
             }
             let g = &mut *job.progress;
@@ -853,7 +922,7 @@ impl Group {
             state.progress.primed = false;
         }
         let needs = Self::needs(flags).unwrap_or_default();
-        let needs: Vec<Need> = needs.into_iter().filter(|(k, _)| *k == w).collect();
+        let needs: Vec<Lack> = needs.into_iter().filter(|(k, _)| *k == w).collect();
         if needs.is_empty() {
             self.put(device, w, &state);
             if let Some(needs) = self.relist(device, &mut [(w, &mut state)]) {
@@ -1092,6 +1161,9 @@ impl Group {
         }
         self.set_state(w, status::ASKED, LOOK);
         self.prepare(device, &jobs);
+        if device.broken().is_some() {
+            return Moment::default();
+        }
         self.look(device, Purpose::Observe);
         self.set_state(w, status::ASKED, 0);
         let sights = self.b.sights.clone();
@@ -1371,6 +1443,9 @@ impl Group {
         let own: Vec<[u32; 4]> = device.read(&b.own, 2 * (listed * padded + first), 2 * n);
         let refs: Vec<[u32; 4]> = device.read(&b.refs, 2 * (listed * padded + first), 2 * n);
         let slow: Vec<[f32; 4]> = device.read(&b.slow, 3 * (listed * padded + first), 3 * n);
+        if device.broken().is_some() {
+            return State { progress: g.clone(), ..State::default() };
+        }
         let three = |q: &[f32; 4]| [q[0], q[1], q[2]];
         let mut p = Particles::default();
         for i in 0..n {
@@ -1411,6 +1486,9 @@ impl Group {
             2 * padded + listed * padded / SLICE as usize + first / SLICE as usize,
             slices,
         );
+        if device.broken().is_some() {
+            return Vec::new();
+        }
         let used = (0..n)
             .map(|i| offsets[i / SLICE as usize] - region.begins[0] + counts[i] * SLICE)
             .max()
@@ -1420,6 +1498,9 @@ impl Group {
         let from = listed * self.rooms[0] as usize + region.begins[0] as usize;
         let nbr: Vec<u32> = device.read(&b.nbr, from, used);
         let hist: Vec<[f32; 4]> = device.read(&b.hist, from, used);
+        if device.broken().is_some() {
+            return Vec::new();
+        }
         let h = c.history.len();
         let mut contacts = Vec::new();
         for i in 0..n {
@@ -1454,6 +1535,9 @@ impl Group {
         let b = &self.b;
         let (n, begin) = (p.len(), region.begins[1] as usize);
         let row_of: Vec<u32> = device.read(&b.rows, listed * self.padded as usize + region.first as usize, n);
+        if device.broken().is_some() {
+            return Vec::new();
+        }
         let used = row_of.iter().filter(|r| **r != NONE).map(|r| *r as usize + 1 - begin).max().unwrap_or(0);
         let half = parity * self.rooms[1] as usize;
         let counts: Vec<u32> = device.read(&b.row_count, half + begin, used);
@@ -1484,7 +1568,7 @@ fn spring(history: &[f32]) -> [f32; 4] {
     std::array::from_fn(|k| history.get(k).copied().unwrap_or_default())
 }
 
-fn widen(rooms: &mut [Rooms], (w, [lists, rows, facets]): Need) {
+fn widen(rooms: &mut [Rooms], (w, [lists, rows, facets]): Lack) {
     let grown = |room: u32, need: u32| if need > room { need + need / 4 } else { room };
     let r = &mut rooms[w];
     r.lists = grown(r.lists, lists).next_multiple_of(BLOCK);

@@ -13,6 +13,9 @@
 mod compensated;
 mod contacts;
 mod device;
+mod fault;
+#[cfg(test)]
+mod faults;
 mod fleet;
 mod layout;
 mod lists;
@@ -26,20 +29,27 @@ mod tables;
 
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
+#[cfg(feature = "cuda")]
+use cubecl::cuda::{CudaDevice, CudaRuntime};
+use cubecl::device::Device as _;
 use cubecl::future::block_on;
 use cubecl::prelude::*;
 use cubecl::wgpu::{MemoryConfiguration, RuntimeOptions, WgpuDevice, WgpuRuntime, WgpuSetup, init_device};
 
+use self::device::{Device, Told};
+pub use self::fault::Fault;
+use self::fault::{guarded, panic_of};
+use self::fleet::Need;
 use self::probe::{Adapter, Kind};
-use super::{Fleet, Unavailable};
+use super::{Fleet, Memory, Unavailable};
 use crate::setup::Constants;
 use crate::state::State;
 
 /// Launches that wgpu gathers into one submission.
 const TASKS: usize = 32;
 
-/// Least memory of a particle: all columns, and 16 places for neighbours \[bytes\].
-const BYTES: u64 = 1100;
+/// Least memory of a particle, whatever its world: all columns, and 16 places for neighbours \[bytes\].
+const BYTES: u64 = 1000;
 /// The part of it in the largest buffer, what contacts remember \[bytes\].
 const LARGEST: u64 = 512;
 
@@ -73,7 +83,65 @@ struct Opened {
     number: usize,
     adapter: Adapter,
     device: WgpuDevice,
-    fault: Arc<OnceLock<String>>,
+    handle: wgpu::Device,
+    fault: Arc<OnceLock<Fault>>,
+}
+
+impl Opened {
+    /// Opens an adapter with limits that it has.
+    fn new(
+        number: usize,
+        adapter: Adapter,
+        instance: wgpu::Instance,
+        handle: wgpu::Adapter,
+        limits: wgpu::Limits,
+    ) -> Result<Self, Unavailable> {
+        let name = format!("gpu:{number} ({})", adapter.name);
+        let (device, queue) = block_on(
+            handle.request_device(&wgpu::DeviceDescriptor {
+                required_features: handle
+                    .features()
+                    .difference(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS)
+                    .difference(wgpu::Features::all_experimental_mask()),
+                required_limits: limits,
+                // CubeCL pools buffers itself.
+                memory_hints: wgpu::MemoryHints::MemoryUsage,
+                ..wgpu::DeviceDescriptor::default()
+            }),
+        )
+        .map_err(|error| {
+            Unavailable::new(
+                &name,
+                format!("the driver does not open it: {error}"),
+                "end other programs that use it, or update its driver",
+            )
+        })?;
+        let fault = Arc::new(OnceLock::new());
+        let (of_error, of_loss) = (fault.clone(), fault.clone());
+        // Without these wgpu panics, or goes on as if nothing had happened. The first fault is the cause of the rest.
+        device.on_uncaptured_error(Arc::new(move |error| {
+            let _ = of_error.set(Fault::told(&error));
+        }));
+        device.set_device_lost_callback(move |reason, message| {
+            let _ = of_loss.set(Fault::lost(&format!("{message} ({reason:?})")));
+        });
+        let backend = handle.get_info().backend;
+        let taken = device.clone();
+        let setup = WgpuSetup { instance, adapter: handle, device, queue, backend };
+        let options = RuntimeOptions { tasks_max: TASKS, memory_config: MemoryConfiguration::default() };
+        let device = guarded(|| init_device(setup, options))
+            .map_err(|why| Unavailable::new(&name, why, "update its driver, or run with --device cpu"))?;
+        Ok(Self { number, adapter, device, handle: taken, fault })
+    }
+
+    /// The first thing that went wrong on it and that no call has reported.
+    fn fault(&self) -> Option<Fault> {
+        // A loss is told when wgpu is next asked how things are, which may be later than the calls that fail of it.
+        if self.fault.get().is_none() {
+            let _ = self.handle.poll(wgpu::PollType::Poll);
+        }
+        self.fault.get().cloned().or_else(|| panic_of(&self.device.to_id()).map(Fault::refused))
+    }
 }
 
 /// Adapters that were opened.
@@ -96,47 +164,63 @@ impl Accelerator {
         let (instance, handles) = probe::enumerate();
         let adapters = probe::adapters_of(&handles);
         let number = pick(&adapters, choice)?;
-        if let Some(place) = opened.iter().position(|o| o.number == number) {
-            return Ok(Self(Door::Adapter(place)));
+        // One that failed is opened anew.
+        if let Some(place) = opened.iter().position(|o| o.number == number && o.fault().is_none()) {
+            drop(opened);
+            return Self(Door::Adapter(place)).tried_out();
         }
         // `pick` gives numbers of adapters that are there.
         let Some((adapter, handle)) = adapters.into_iter().zip(handles).nth(number) else {
             return Err(probe::why_no_hardware());
         };
-        let (device, queue) = block_on(
-            handle.request_device(&wgpu::DeviceDescriptor {
-                required_features: handle
-                    .features()
-                    .difference(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS)
-                    .difference(wgpu::Features::all_experimental_mask()),
-                required_limits: handle.limits(),
-                // CubeCL pools buffers itself.
-                memory_hints: wgpu::MemoryHints::MemoryUsage,
-                ..wgpu::DeviceDescriptor::default()
-            }),
-        )
-        .map_err(|error| {
-            Unavailable::new(
-                &format!("gpu:{number} ({})", adapter.name),
-                format!("the driver does not open it: {error}"),
-                "end other programs that use it, or update its driver",
-            )
-        })?;
-        let fault = Arc::new(OnceLock::new());
-        let (of_error, of_loss) = (fault.clone(), fault.clone());
-        // Without these wgpu panics, or goes on as if nothing had happened. The first fault is the cause of the rest.
-        device.on_uncaptured_error(Arc::new(move |error| {
-            let _ = of_error.set(error.to_string());
-        }));
-        device.set_device_lost_callback(move |reason, message| {
-            let _ = of_loss.set(format!("the device was lost ({reason:?}): {message}"));
-        });
-        let backend = handle.get_info().backend;
-        let setup = WgpuSetup { instance, adapter: handle, device, queue, backend };
-        let options = RuntimeOptions { tasks_max: TASKS, memory_config: MemoryConfiguration::default() };
-        let device = init_device(setup, options);
-        opened.push(Opened { number, adapter, device, fault });
-        Ok(Self(Door::Adapter(opened.len() - 1)))
+        let limits = handle.limits();
+        opened.push(Opened::new(number, adapter, instance, handle, limits)?);
+        let accelerator = Self(Door::Adapter(opened.len() - 1));
+        drop(opened);
+        accelerator.tried_out()
+    }
+
+    /// The device, once it has run a kernel.
+    fn tried_out(self) -> Result<Self, Unavailable> {
+        let tried = match self.0 {
+            Door::Adapter(_) => {
+                guarded(|| Device::new(WgpuRuntime::client(&self.wgpu_device()), self.told()).try_out())
+            }
+            #[cfg(feature = "cuda")]
+            Door::Cuda(index) => {
+                guarded(|| Device::new(CudaRuntime::client(&CudaDevice { index }), self.told()).try_out())
+            }
+        };
+        // What happened on the device's thread explains what its caller saw.
+        let fault = match tried {
+            Ok(Ok(())) => return Ok(self),
+            Ok(Err(fault)) => fault,
+            Err(panic) => self.fault().unwrap_or_else(|| Fault::refused(panic)),
+        };
+        Err(Unavailable::new(&self.name(), format!("a first kernel failed: {}", fault.why), fault.remedy))
+    }
+
+    fn wgpu_device(self) -> WgpuDevice {
+        match self.0 {
+            // Accelerators are made with their row, and rows stay.
+            Door::Adapter(place) => opened().get(place).map(|o| o.device.clone()).unwrap_or_default(),
+            #[cfg(feature = "cuda")]
+            Door::Cuda(_) => WgpuDevice::default(),
+        }
+    }
+
+    fn told(self) -> Told {
+        Box::new(move || self.fault())
+    }
+
+    /// Gives the device up: what runs on it ends with a failure. Opening it again takes it up anew. A device that only
+    /// CUDA knows stays.
+    pub fn give_up(self) {
+        match self.0 {
+            Door::Adapter(place) => opened().get(place).into_iter().for_each(|o| o.handle.destroy()),
+            #[cfg(feature = "cuda")]
+            Door::Cuda(_) => {}
+        }
     }
 
     /// As `--device` names it, and as its driver does.
@@ -155,46 +239,75 @@ impl Accelerator {
 
     /// The first thing that went wrong on the device and that no call has reported: memory that ran out, a kernel
     /// that was refused, a driver that was reset.
-    pub fn fault(self) -> Option<String> {
+    pub fn fault(self) -> Option<Fault> {
         match self.0 {
-            Door::Adapter(place) => opened().get(place).and_then(|o| o.fault.get().cloned()),
+            Door::Adapter(place) => opened().get(place).and_then(Opened::fault),
             #[cfg(feature = "cuda")]
-            Door::Cuda(_) => None,
+            Door::Cuda(index) => panic_of(&CudaDevice { index }.to_id()).map(Fault::refused),
         }
     }
 
-    /// Why the device has no room for that many particles.
-    pub fn crowded(self, particles: usize) -> Option<String> {
-        let (memory, largest) = match self.0 {
+    /// The memory of the device and of its largest buffer, where they are known \[bytes\].
+    fn room(self) -> (Option<u64>, u64) {
+        match self.0 {
             Door::Adapter(place) => {
-                let opened = opened();
-                let adapter = &opened.get(place)?.adapter;
-                (adapter.memory, adapter.largest_buffer)
+                opened().get(place).map_or((None, u64::MAX), |o| (o.adapter.memory, o.adapter.largest_buffer))
             }
             #[cfg(feature = "cuda")]
             Door::Cuda(number) => {
-                let memory = probe::cuda_devices().ok()?.get(number)?.memory;
+                let known = probe::cuda_devices().ok().and_then(|all| all.get(number)?.memory);
                 // CubeCL's pools give a quarter of the memory at once.
-                (memory, memory.map_or(u64::MAX, |bytes| bytes / 4))
+                (known, known.map_or(u64::MAX, |bytes| bytes / 4))
             }
-        };
-        crowded(particles as u64, memory, largest)
+        }
+    }
+
+    /// Why the device has no room for a world of that many particles, whatever they are.
+    pub fn crowded(self, particles: usize) -> Option<String> {
+        let n = particles as u64;
+        let need = Need { all: n * BYTES, largest: n * LARGEST };
+        beyond_reach(particles).or_else(|| overflow(particles, need, self.room()))
+    }
+
+    fn need(self, worlds: &[Arc<Constants>]) -> Need {
+        match self.0 {
+            Door::Adapter(_) => {
+                let client = WgpuRuntime::client(&self.wgpu_device());
+                fleet::GpuFleet::<WgpuRuntime>::need(client, worlds)
+            }
+            #[cfg(feature = "cuda")]
+            Door::Cuda(index) => {
+                let client = CudaRuntime::client(&CudaDevice { index });
+                fleet::GpuFleet::<CudaRuntime>::need(client, worlds)
+            }
+        }
+    }
+
+    /// Memory that worlds need on the device, and its own.
+    pub fn memory(self, worlds: &[Arc<Constants>]) -> Memory {
+        Memory { needed: self.need(worlds).all, device: self.room().0 }
+    }
+
+    /// Why the device cannot run worlds together.
+    pub fn refusal(self, worlds: &[Arc<Constants>]) -> Option<String> {
+        let each = worlds.iter().find_map(|c| refusal(c).or_else(|| self.crowded(c.count)));
+        each.or_else(|| {
+            let particles = worlds.iter().map(|c| c.count).sum();
+            overflow(particles, self.need(worlds), self.room())
+        })
     }
 
     /// A batch of worlds on the device.
     pub fn fleet(self, worlds: Vec<(Arc<Constants>, &mut State)>) -> Box<dyn Fleet> {
         match self.0 {
-            Door::Adapter(place) => {
-                // Accelerators are made with their row, and rows stay.
-                let device = opened().get(place).map_or(WgpuDevice::DefaultDevice, |o| o.device.clone());
-                let fault = Box::new(move || self.fault());
-                Box::new(fleet::GpuFleet::<WgpuRuntime>::new(WgpuRuntime::client(&device), fault, worlds))
+            Door::Adapter(_) => {
+                let client = WgpuRuntime::client(&self.wgpu_device());
+                Box::new(fleet::GpuFleet::<WgpuRuntime>::new(client, self.told(), worlds))
             }
             #[cfg(feature = "cuda")]
             Door::Cuda(index) => {
-                type R = cubecl::cuda::CudaRuntime;
-                let client = R::client(&cubecl::cuda::CudaDevice { index });
-                Box::new(fleet::GpuFleet::<R>::new(client, Box::new(move || self.fault()), worlds))
+                let client = CudaRuntime::client(&CudaDevice { index });
+                Box::new(fleet::GpuFleet::<CudaRuntime>::new(client, self.told(), worlds))
             }
         }
     }
@@ -266,7 +379,7 @@ fn open_cuda(number: usize) -> Result<Accelerator, Unavailable> {
             "`glebe devices` lists them",
         ));
     }
-    Ok(Accelerator(Door::Cuda(number)))
+    Accelerator(Door::Cuda(number)).tried_out()
 }
 
 #[cfg(not(feature = "cuda"))]
@@ -274,14 +387,15 @@ fn open_cuda(_: usize) -> Result<Accelerator, Unavailable> {
     Err(probe::no_cuda())
 }
 
-/// Why there is no room for that many particles on a device with that memory and largest buffer \[bytes\].
-fn crowded(particles: u64, memory: Option<u64>, largest: u64) -> Option<String> {
-    if fleet::most_blocks(particles as usize) > device::MOST_BLOCKS {
-        let most = device::MOST_BLOCKS / 2 * layout::BLOCK as usize;
-        return Some(format!(
-            "{particles} particles in one world are more than the {most} that a launch reaches"
-        ));
-    }
+/// Why a world of that many particles is beyond a launch.
+fn beyond_reach(particles: usize) -> Option<String> {
+    let most = device::MOST_BLOCKS / 2 * layout::BLOCK as usize;
+    (fleet::most_blocks(particles) > device::MOST_BLOCKS)
+        .then(|| format!("{particles} particles in one world are more than the {most} that a launch reaches"))
+}
+
+/// What does not fit into a device with that memory and largest buffer \[bytes\].
+fn overflow(particles: usize, need: Need, (memory, largest): (Option<u64>, u64)) -> Option<String> {
     let told = |needs: u64, what: &str, has: u64| {
         format!(
             "{particles} particles need {what} {} MB, and the device has {} MB",
@@ -289,16 +403,15 @@ fn crowded(particles: u64, memory: Option<u64>, largest: u64) -> Option<String> 
             has / 1_000_000
         )
     };
-    let (all, one) = (particles * BYTES, particles * LARGEST);
     match memory {
-        Some(memory) if all > memory => Some(told(all, "at least", memory)),
-        _ if one > largest => Some(told(one, "a buffer of at least", largest)),
+        Some(memory) if need.all > memory => Some(told(need.all, "at least", memory)),
+        _ if need.largest > largest => Some(told(need.largest, "a buffer of at least", largest)),
         _ => None,
     }
 }
 
 /// What no device can do with a world, however large it is.
-pub fn refusal(c: &Constants) -> Option<String> {
+fn refusal(c: &Constants) -> Option<String> {
     let laws = &c.laws;
     let springs = laws.tangential.history().len();
     let others = [laws.normal.history(), laws.rolling.history(), laws.cohesion.history()];
@@ -352,9 +465,17 @@ mod tests {
     #[test]
     fn room_is_looked_at_before_it_is_taken() {
         const GB: u64 = 1_000_000_000;
-        assert_eq!(crowded(1_000_000, Some(2 * GB), GB), None);
-        assert!(crowded(2_000_000, Some(2 * GB), 2 * GB).unwrap().contains("at least 2200 MB"));
-        assert!(crowded(1_000_000, None, GB / 8).unwrap().contains("a buffer of at least 512 MB"));
+        let need = Need { all: 2 * GB, largest: GB };
+        assert_eq!(overflow(1_000_000, need, (Some(2 * GB), GB)), None);
+        let told = overflow(1_000_000, need, (Some(GB), GB)).unwrap();
+        assert!(
+            told.contains("1000000 particles need at least 2000 MB, and the device has 1000 MB"),
+            "{told}"
+        );
+        let told = overflow(1_000_000, need, (None, GB / 8)).unwrap();
+        assert!(told.contains("a buffer of at least 1000 MB, and the device has 125 MB"), "{told}");
+        assert_eq!(beyond_reach(8_000_000), None);
+        assert!(beyond_reach(9_000_000).unwrap().contains("more than the 8388352"));
     }
 
     #[test]

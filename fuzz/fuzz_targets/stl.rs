@@ -1,0 +1,8 @@
+//! Meshes from STL.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|data: &[u8]| {
+    let _ = glebe_io::mesh::parse("fuzz.stl".as_ref(), data, &glebe_io::mesh::Transform::default());
+});
