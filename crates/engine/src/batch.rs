@@ -91,15 +91,26 @@ pub trait Observer {
     /// The observer's error.
     type Error;
     /// A row of the series.
-    fn sample(&mut self, world: usize, sample: &Sample) -> Result<(), Self::Error>;
+    fn sample(&mut self, _world: usize, _sample: &Sample) -> Result<(), Self::Error> {
+        Ok(())
+    }
     /// Whether frames are wanted. Those that nobody wants are counted all the same, and cost nothing.
     fn wants_frames(&self) -> bool {
         true
     }
     /// A frame is due.
-    fn frame(&mut self, world: usize, frame: &Frame<'_>) -> Result<(), Self::Error>;
+    fn frame(&mut self, _world: usize, _frame: &Frame<'_>) -> Result<(), Self::Error> {
+        Ok(())
+    }
     /// A stage ended.
-    fn stage_ended(&mut self, world: usize, index: usize, result: &StageResult) -> Result<(), Self::Error>;
+    fn stage_ended(
+        &mut self,
+        _world: usize,
+        _index: usize,
+        _result: &StageResult,
+    ) -> Result<(), Self::Error> {
+        Ok(())
+    }
 }
 
 /// An [`Observer`] that looks at nothing.
@@ -108,17 +119,8 @@ pub struct Blind;
 
 impl Observer for Blind {
     type Error = Infallible;
-    fn sample(&mut self, _: usize, _: &Sample) -> Result<(), Infallible> {
-        Ok(())
-    }
     fn wants_frames(&self) -> bool {
         false
-    }
-    fn frame(&mut self, _: usize, _: &Frame<'_>) -> Result<(), Infallible> {
-        Ok(())
-    }
-    fn stage_ended(&mut self, _: usize, _: usize, _: &StageResult) -> Result<(), Infallible> {
-        Ok(())
     }
 }
 

@@ -6,10 +6,10 @@ use std::convert::Infallible;
 use std::path::Path;
 
 use glebe::engine::backend::Backend;
-use glebe::engine::batch::{Batch, Frame, Observer, Sample, Status};
+use glebe::engine::batch::{Batch, Observer, Sample, Status};
 use glebe::engine::prepare;
 use glebe::engine::spec::Step;
-use glebe::engine::state::{StageResult, State};
+use glebe::engine::state::State;
 use glebe::io::scene::{Scene, SceneError};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
@@ -30,12 +30,6 @@ impl Observer for Last {
     type Error = Infallible;
     fn sample(&mut self, _: usize, sample: &Sample) -> Result<(), Infallible> {
         self.0 = Some(sample.clone());
-        Ok(())
-    }
-    fn frame(&mut self, _: usize, _: &Frame<'_>) -> Result<(), Infallible> {
-        Ok(())
-    }
-    fn stage_ended(&mut self, _: usize, _: usize, _: &StageResult) -> Result<(), Infallible> {
         Ok(())
     }
 }

@@ -9,8 +9,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use glebe_engine::backend::Backend;
-use glebe_engine::batch::{Batch, Frame, Observer, Sample};
-use glebe_engine::state::{StageResult, State};
+use glebe_engine::batch::{Batch, Blind};
+use glebe_engine::state::State;
 use glebe_io::checkpoint::{self, Header};
 use glebe_io::mesh::{self, Transform};
 use glebe_io::particles;
@@ -166,22 +166,6 @@ fn meshes() {
 fn particle_files() {
     for folder in ["csv", "vtk"] {
         torment(folder, &seeds(folder), |bytes| particles::parse(Path::new("a"), bytes).is_ok());
-    }
-}
-
-/// Looks at nothing.
-struct Blind;
-
-impl Observer for Blind {
-    type Error = std::convert::Infallible;
-    fn sample(&mut self, _: usize, _: &Sample) -> Result<(), Self::Error> {
-        Ok(())
-    }
-    fn frame(&mut self, _: usize, _: &Frame<'_>) -> Result<(), Self::Error> {
-        Ok(())
-    }
-    fn stage_ended(&mut self, _: usize, _: usize, _: &StageResult) -> Result<(), Self::Error> {
-        Ok(())
     }
 }
 

@@ -1,9 +1,8 @@
 //! The energy ledger, and what surfaces report.
 
-use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status};
+use glebe_engine::batch::{Batch, Observer, Sample, Status};
 use glebe_engine::lattice::{add, dot, norm, scale, sub};
 use glebe_engine::spec::{Domain, Pose, Side, Until};
-use glebe_engine::state::StageResult;
 use glebe_physics::{ContactModel, IntegratorKind, LawChoice};
 
 use crate::support::{Random, Run, Subject, Together, grain, mesh, open_world, plane, rectangle};
@@ -24,12 +23,6 @@ impl Observer for Last {
     type Error = std::convert::Infallible;
     fn sample(&mut self, _: usize, sample: &Sample) -> Result<(), Self::Error> {
         self.0 = Some(sample.clone());
-        Ok(())
-    }
-    fn frame(&mut self, _: usize, _: &Frame<'_>) -> Result<(), Self::Error> {
-        Ok(())
-    }
-    fn stage_ended(&mut self, _: usize, _: usize, _: &StageResult) -> Result<(), Self::Error> {
         Ok(())
     }
 }

@@ -2,9 +2,9 @@
 
 use std::convert::Infallible;
 
-use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status};
+use glebe_engine::batch::{Batch, Observer, Sample, Status};
 use glebe_engine::spec::{Action, Stage, Until, WorldSpec};
-use glebe_engine::state::{Ledger, StageResult};
+use glebe_engine::state::Ledger;
 use glebe_physics::IntegratorKind;
 
 use crate::support::{Run, Subject, grain, open_world, plane};
@@ -70,12 +70,6 @@ impl Observer for Last {
     type Error = Infallible;
     fn sample(&mut self, _: usize, sample: &Sample) -> Result<(), Infallible> {
         self.0 = Some(sample.clone());
-        Ok(())
-    }
-    fn frame(&mut self, _: usize, _: &Frame<'_>) -> Result<(), Infallible> {
-        Ok(())
-    }
-    fn stage_ended(&mut self, _: usize, _: usize, _: &StageResult) -> Result<(), Infallible> {
         Ok(())
     }
 }

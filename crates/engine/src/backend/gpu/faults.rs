@@ -13,10 +13,9 @@ use super::device::{Buffer, Device, MOST_BLOCKS, grid};
 use super::layout::BLOCK;
 use super::*;
 use crate::backend::{Backend, Job};
-use crate::batch::{Batch, Frame, Observer, Sample, Status};
+use crate::batch::{Batch, Blind, Status};
 use crate::prepare;
 use crate::spec::{Domain, Side, Stage, Step, Time, Until, WorldSpec};
-use crate::state::StageResult;
 
 /// A device of the test's own with changed limits, or none where there is no adapter, which is an error in CI.
 fn device(change: impl FnOnce(&mut wgpu::Limits)) -> Option<Opened> {
@@ -213,22 +212,6 @@ fn steps_that_were_not_run_are_missed_whatever_the_driver_says() {
     assert!(failure.what.contains("the device failed"), "{failure}");
     assert_eq!(progress.step, 0, "steps were counted that were not run");
     assert!(began.elapsed() < Duration::from_secs(60));
-}
-
-/// Looks at nothing.
-struct Blind;
-
-impl Observer for Blind {
-    type Error = std::convert::Infallible;
-    fn sample(&mut self, _: usize, _: &Sample) -> Result<(), Self::Error> {
-        Ok(())
-    }
-    fn frame(&mut self, _: usize, _: &Frame<'_>) -> Result<(), Self::Error> {
-        Ok(())
-    }
-    fn stage_ended(&mut self, _: usize, _: usize, _: &StageResult) -> Result<(), Self::Error> {
-        Ok(())
-    }
 }
 
 #[test]
