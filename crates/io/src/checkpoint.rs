@@ -8,6 +8,7 @@ use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use glebe_engine::state::State;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -202,6 +203,23 @@ pub fn write(path: &Path, header: &Header, state: &[u8]) -> Result<(), Checkpoin
 pub fn read(path: &Path) -> Result<Checkpoint, CheckpointError> {
     let bytes = input::read(path).map_err(|e| OutputError::io(path, "read this checkpoint", e))?;
     parse(path, &bytes)
+}
+
+/// The state that was [kept](keep) in a file for a scene; none if it is not there, damaged or of something else.
+pub fn kept(path: &Path, scene_hash: &str) -> Option<State> {
+    let found = read(path).ok().filter(|c| c.header.scene_hash == scene_hash)?;
+    State::from_bytes(&found.state).ok()
+}
+
+/// Keeps a state in a file, and makes the folder for it.
+///
+/// # Errors
+/// A folder that cannot be made, a full disk.
+pub fn keep(path: &Path, header: &Header, state: &State) -> Result<(), CheckpointError> {
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder).map_err(|e| OutputError::io(folder, "make this folder", e))?;
+    }
+    write(path, header, &state.to_bytes())
 }
 
 /// Like [`read`], of the `bytes` of the file called `path`.

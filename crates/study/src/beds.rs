@@ -85,8 +85,7 @@ impl Bed {
     /// The state after the leading stages, if it is kept in a folder and good.
     pub(crate) fn load(&self, constants: &Constants, folder: &Path) -> Option<State> {
         let path = self.path(folder);
-        let found = checkpoint::read(&path).ok().filter(|c| c.header.scene_hash == self.key)?;
-        let mut state = State::from_bytes(&found.state).ok()?;
+        let mut state = checkpoint::kept(&path, &self.key)?;
         self.wake(constants, &mut state);
         state.belongs_to(constants).ok()?;
         // Beds in use are young.
@@ -96,18 +95,13 @@ impl Bed {
 
     /// Keeps the state after the leading stages, its dormant surfaces [asleep](Self::send_to_sleep), in a folder.
     pub(crate) fn store(&self, state: &State, folder: &Path) -> Result<(), CheckpointError> {
-        fs::create_dir_all(folder).map_err(|source| glebe_io::output::OutputError::Io {
-            path: folder.to_owned(),
-            action: "make this folder",
-            source,
-        })?;
         let header = Header {
             glebe_version: env!("CARGO_PKG_VERSION").to_owned(),
             scene_hash: self.key.clone(),
             step: state.progress.step,
             ..Header::default()
         };
-        checkpoint::write(&self.path(folder), &header, &state.to_bytes())?;
+        checkpoint::keep(&self.path(folder), &header, state)?;
         prune(folder, &self.path(folder));
         Ok(())
     }

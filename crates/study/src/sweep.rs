@@ -310,9 +310,7 @@ impl Sweep<'_> {
         if let Some(why) = self.settings.backend.refusal(std::slice::from_ref(&made.constants)) {
             return Err(format!("{why}; run the study with --device cpu"));
         }
-        let found =
-            checkpoint::read(&self.checkpoint(w)).ok().filter(|c| c.header.scene_hash == made.scene_hash);
-        let saved = found.and_then(|found| State::from_bytes(&found.state).ok());
+        let saved = checkpoint::kept(&self.checkpoint(w), &made.scene_hash);
         let saved = saved.filter(|state| state.belongs_to(&made.constants).is_ok());
         Ok((made.constants, saved.unwrap_or(made.state)))
     }
@@ -390,13 +388,7 @@ impl Sweep<'_> {
                 device: batch.backend().maker(),
                 ..Header::default()
             };
-            let folder = self.dir.checkpoints();
-            fs::create_dir_all(&folder).map_err(|source| OutputError::Io {
-                path: folder,
-                action: "make this folder",
-                source,
-            })?;
-            checkpoint::write(&self.checkpoint(world), &header, &state.to_bytes())?;
+            checkpoint::keep(&self.checkpoint(world), &header, &state)?;
         }
         Ok(())
     }

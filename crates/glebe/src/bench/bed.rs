@@ -11,8 +11,7 @@ use glebe_engine::lattice::cross;
 use glebe_engine::spec::{Domain, Side, Stage, Step, Time, Until, Vec3, WorldSpec};
 use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
-use glebe_io::checkpoint::{self, CheckpointError, Header};
-use glebe_io::output::OutputError;
+use glebe_io::checkpoint::{self, Header};
 use glebe_physics::{IntegratorKind, LawChoice};
 use sha2::{Digest, Sha256};
 
@@ -223,13 +222,19 @@ impl Bed {
     pub fn prepared(&self, cache: Option<&Path>, backend: Backend, ui: &Ui) -> Result<Prepared, BenchError> {
         let key = self.key()?;
         let path = cache.map(|folder| folder.join(format!("{key}.glebe")));
-        if let Some(state) = path.as_deref().and_then(|path| load(path, &key)) {
+        if let Some(state) = path.as_deref().and_then(|path| checkpoint::kept(path, &key)) {
             return Ok(Prepared { state, cached: true });
         }
         ui.note(&format!("preparing the {self}"));
         let state = self.prepare(backend)?;
         if let Some(path) = path {
-            store(&path, key, &state)?;
+            let header = Header {
+                glebe_version: env!("CARGO_PKG_VERSION").to_owned(),
+                scene_hash: key,
+                step: state.progress.step,
+                ..Header::default()
+            };
+            checkpoint::keep(&path, &header, &state)?;
         }
         Ok(Prepared { state, cached: false })
     }
@@ -274,27 +279,4 @@ fn dense(request: FillRequest<'_>) -> Result<Vec<Vec3>, GenerateError> {
             ended => return ended,
         }
     }
-}
-
-/// The state in a file, if it is there, whole, and this bed's.
-fn load(path: &Path, key: &str) -> Option<State> {
-    let found = checkpoint::read(path).ok().filter(|c| c.header.scene_hash == key)?;
-    State::from_bytes(&found.state).ok()
-}
-
-fn store(path: &Path, scene_hash: String, state: &State) -> Result<(), CheckpointError> {
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(|source| OutputError::Io {
-            path: folder.to_owned(),
-            action: "make this folder",
-            source,
-        })?;
-    }
-    let header = Header {
-        glebe_version: env!("CARGO_PKG_VERSION").to_owned(),
-        scene_hash,
-        step: state.progress.step,
-        ..Header::default()
-    };
-    checkpoint::write(path, &header, &state.to_bytes())
 }
