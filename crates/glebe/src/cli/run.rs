@@ -1,7 +1,7 @@
 //! `glebe run`: a scene from beginning to end.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use glebe_io::output::summary::{Status, Summary};
@@ -82,9 +82,12 @@ impl ComputeArgs {
         }
     }
 
-    /// The `--device` argument again, if there was one.
-    pub(super) fn repeat_device(&self) -> String {
-        if self.device == Device::Auto { String::new() } else { format!(" --device {}", self.device) }
+    /// The command that goes on with what `verb` left of `file` in `out`.
+    pub(super) fn resume_with(&self, verb: &str, file: &Path, out: &Path, sets: &[String]) -> String {
+        let [file, out] = [file, out].map(|path| shell_word(&path.display().to_string()));
+        let device =
+            if self.device == Device::Auto { String::new() } else { format!(" --device {}", self.device) };
+        format!("glebe {verb} {file} --out {out} --resume{device}{}", repeat(sets))
     }
 }
 
@@ -123,13 +126,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     if args.profile {
         ui.note(profile(&summary).trim_end());
     }
-    let resume = format!(
-        "glebe run {} --out {} --resume{}{}",
-        shell_word(&args.scene.scene.display().to_string()),
-        shell_word(&out.display().to_string()),
-        compute.repeat_device(),
-        repeat(&args.scene.sets)
-    );
+    let resume = compute.resume_with("run", &args.scene.scene, &out, &args.scene.sets);
     match summary.status {
         Status::Done => {
             let mut value = json!(summary);
@@ -164,7 +161,7 @@ pub(super) fn before_the_start(ui: &Ui) -> Ended {
 }
 
 /// The `--set` arguments again: a run can only be resumed with them.
-pub(super) fn repeat(sets: &[String]) -> String {
+fn repeat(sets: &[String]) -> String {
     sets.iter().flat_map(|set| [" --set ".to_owned(), shell_word(set)]).collect()
 }
 

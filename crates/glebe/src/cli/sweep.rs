@@ -11,8 +11,7 @@ use serde_json::json;
 
 use super::bar::{Watch, catch_interrupts, interrupted};
 use super::check::{duration, folder_of};
-use super::run::{ComputeArgs, before_the_start, repeat};
-use super::ui::shell_word;
+use super::run::{ComputeArgs, before_the_start};
 use super::{Ended, Problem, Ui};
 use crate::device::memory;
 use crate::run::default_bed_folder;
@@ -96,13 +95,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
 
     let mut value = json!(summary);
     value["out"] = json!(out);
-    let resume = format!(
-        "glebe sweep {} --out {} --resume{}{}",
-        shell_word(&args.study.display().to_string()),
-        shell_word(&out.display().to_string()),
-        compute.repeat_device(),
-        repeat(&args.sets)
-    );
+    let resume = compute.resume_with("sweep", &args.study, &out, &args.sets);
     if summary.status == Status::Interrupted {
         value["resume"] = json!(resume);
         ui.result(&value, "");
