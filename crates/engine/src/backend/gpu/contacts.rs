@@ -87,7 +87,7 @@ pub fn seat(
         let mut i = slot;
         let mut row = NONE.runtime();
         let mut there = slot - worlds[(c + world::FIRST) as usize] < states[(st + status::COUNT) as usize];
-        if comptime!(s.surfaces && s.merged) {
+        if comptime!(s.near_blocks()) {
             // Particles near surfaces have blocks of their own behind the others, so that no block waits for
             // units that look at triangles unless it must.
             if slot < padded {
@@ -286,7 +286,7 @@ pub fn contacts_of(
     let table = worlds[(c + world::PAIRS) as usize];
     let accounts = comptime!(s.ledger && purpose == Purpose::Step);
     let weighs = comptime!(s.ledger || purpose == Purpose::Observe);
-    let merged = comptime!(s.surfaces && s.merged);
+    let merged = comptime!(s.near_blocks());
     // The last units of a block of particles near surfaces look at those.
     let units = comptime!(s.shape.units);
     let near_owners = comptime!(s.shape.near);
