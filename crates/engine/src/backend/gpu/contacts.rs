@@ -9,11 +9,9 @@ use cubecl::prelude::*;
 use glebe_physics::kernel::vector::{V3, cross, scaled};
 
 use super::compensated::{Two3, gap, sum, whole};
-use super::layout::{
-    F4, NONE, PARTNER, SECOND, SLICE, Shape, Signature, TOUCHING, U4, float_at, status, world,
-};
+use super::layout::{F4, NONE, PARTNER, SECOND, SLICE, Signature, TOUCHING, U4, float_at, status, world};
 use super::pair::{Meeting, interact};
-use super::step::{Purpose, Sums, apart2, bits3, first3, four, pick, shared_push};
+use super::step::{Purpose, Sums, apart2, bits3, first3, four, pick, shared_push, zero};
 use super::surfaces::{metres, surfaces_of, too_deep};
 
 /// Candidates of a list that are looked at together: as many as a word has bits.
@@ -24,8 +22,12 @@ const AHEAD: u32 = 4;
 const LONGER: u32 = 0x1_0000;
 /// Owners whose counts one unit adds up.
 const STRIDE: u32 = 16;
-/// Columns of the shared table: for what units hand to owners, and for the sums over a block at the end of a step.
+/// Columns of the sums over a block at the end of a step.
 pub const COLUMNS: u32 = 10;
+/// Bytes that the table of contacts may take, so that a block needs less than 16 KiB.
+const TABLE: u32 = 11_000;
+/// Most contacts of one unit in the table.
+const ROUNDS: u32 = 8;
 
 /// What a block shares.
 #[derive(CubeType, Clone, Copy)]
@@ -34,32 +36,55 @@ pub struct Desk {
     pub who: SharedMemory<u32>,
     /// Its row among the particles near surfaces, where contacts with surfaces are summed here; else `NONE`.
     pub rows: SharedMemory<u32>,
-    /// Where the owner's list begins.
+    /// Where what is left of the owner's list begins.
     from: SharedMemory<u32>,
-    /// Its length.
+    /// Candidates left in it.
     many: SharedMemory<u32>,
     /// Which candidates are near, by unit; then owner and place in the list of each contact.
-    bits: SharedMemory<u32>,
+    names: SharedMemory<u32>,
     /// Near candidates of each owner.
     counts: SharedMemory<u32>,
-    /// Sums over [`STRIDE`] owners.
+    /// Sums over [`STRIDE`] owners; then the contacts in the table.
     totals: SharedMemory<u32>,
-    /// Columns of floats.
+    /// What contacts hand to their owners, in columns; then the sums over the block.
     pub table: SharedMemory<f32>,
+    /// Its sums over each owner's contacts so far.
+    owned: SharedMemory<f32>,
+}
+
+/// Whether what dissipates is handed over as well.
+fn accounts(s: Signature, purpose: Purpose) -> bool {
+    s.ledger && purpose == Purpose::Step
+}
+
+/// Columns that a contact fills: force and torque; where dissipation is accounted also the dashpots' force and torque,
+/// and the torque of rolling resistance.
+fn columns(s: Signature, purpose: Purpose) -> u32 {
+    if accounts(s, purpose) { 15 } else { 6 }
+}
+
+/// Contacts that the table holds.
+fn room(s: Signature, purpose: Purpose) -> u32 {
+    (TABLE / (columns(s, purpose) * s.shape.units * 4)).clamp(1, ROUNDS) * s.shape.units
 }
 
 /// Takes the memory.
 #[cube]
-pub fn desk(#[comptime] shape: Shape) -> Desk {
+pub fn desk(#[comptime] s: Signature, #[comptime] purpose: Purpose) -> Desk {
+    let shape = comptime!(s.shape);
+    let room = comptime!(room(s, purpose));
     Desk {
         who: SharedMemory::<u32>::new(comptime!(shape.owners as usize)),
         rows: SharedMemory::<u32>::new(comptime!(shape.owners as usize)),
         from: SharedMemory::<u32>::new(comptime!(shape.owners as usize)),
         many: SharedMemory::<u32>::new(comptime!(shape.owners as usize)),
-        bits: SharedMemory::<u32>::new(comptime!(shape.units as usize)),
+        names: SharedMemory::<u32>::new(comptime!(room as usize)),
         counts: SharedMemory::<u32>::new(comptime!(shape.owners as usize)),
-        totals: SharedMemory::<u32>::new(comptime!((shape.owners / STRIDE) as usize)),
-        table: SharedMemory::<f32>::new(comptime!((COLUMNS * shape.units) as usize)),
+        totals: SharedMemory::<u32>::new(comptime!((shape.owners / STRIDE + 1) as usize)),
+        table: SharedMemory::<f32>::new(comptime!(
+            (columns(s, purpose) * room).max(COLUMNS * shape.units) as usize
+        )),
+        owned: SharedMemory::<f32>::new(comptime!((columns(s, purpose) * shape.owners) as usize)),
     }
 }
 
@@ -120,13 +145,12 @@ pub fn seat(
     sync_cube();
 }
 
-/// Which candidates of owner `o` are near: bits of every `groups`th one of those from `begin` on. Contacts that are no
-/// longer near are forgotten.
+/// Which of the next candidates of owner `o` are near: bits of every `groups`th one. Contacts that are no longer near are
+/// forgotten.
 #[cube]
 fn near(
     desk: &Desk,
     o: u32,
-    begin: u32,
     half: u32,
     c: u32,
     worlds: &Array<u32>,
@@ -139,9 +163,8 @@ fn near(
     let ahead = comptime!(if groups == 1 { AHEAD } else { AHEAD / 2 });
     let mut bits = 0u32;
     let mut gone = 0u32;
-    let many = desk.many[o as usize];
-    let mut q = begin + UNIT_POS / comptime!(s.shape.owners);
-    let end = min(many, begin + CHUNK);
+    let mut q = UNIT_POS / comptime!(s.shape.owners);
+    let end = min(desk.many[o as usize], CHUNK);
     let from = desk.from[o as usize];
     if q < end {
         let here = place[(half + desk.who[o as usize]) as usize];
@@ -163,7 +186,7 @@ fn near(
                 let at = q + k * groups;
                 let there = places[k as usize];
                 let reach = reach_i + f32::reinterpret(there[3]) * 1.000_001f32;
-                let bit = select(at < end, 1u32 << ((at - begin) % CHUNK), 0u32);
+                let bit = select(at < end, 1u32 << (at % CHUNK), 0u32);
                 let close = apart2(worlds, c, here, there, comptime!(s.orthogonal)) < reach * reach;
                 bits |= select(close, bit, 0u32);
                 gone |= select(!close && entries[k as usize] & TOUCHING != 0u32, bit, 0u32);
@@ -173,7 +196,7 @@ fn near(
     }
     if comptime!(purpose == Purpose::Step) {
         while gone != 0u32 {
-            let at = (from + (begin + gone.find_first_set() - 1u32) * SLICE) as usize;
+            let at = (from + (gone.find_first_set() - 1u32) * SLICE) as usize;
             gone &= gone - 1u32;
             nbr[at] = nbr[at] & comptime!(!TOUCHING);
         }
@@ -182,58 +205,74 @@ fn near(
 }
 
 /// The exclusive sum of the counts of the owners before this unit.
+// Written out: nvcc takes far more registers for the whole kernel where it unrolls such loops itself.
 #[cube]
-fn before(desk: &Desk) -> u32 {
+fn before(desk: &Desk, #[comptime] owners: u32) -> u32 {
     let mut sum = 0u32;
     let stride = UNIT_POS / STRIDE;
-    for k in 0..stride {
-        sum += desk.totals[k as usize];
+    #[unroll]
+    for k in 0..comptime!(owners / STRIDE) {
+        sum += select(k < stride, desk.totals[k as usize], 0u32);
     }
-    for k in stride * STRIDE..UNIT_POS {
-        sum += desk.counts[k as usize];
+    #[unroll]
+    for k in 0..STRIDE {
+        sum += select(k < UNIT_POS % STRIDE, desk.counts[(stride * STRIDE + k) as usize], 0u32);
     }
     sum % LONGER
 }
 
-/// Two vectors in the table.
+/// Puts a vector into row `row` of the three columns from `column` on.
 #[cube]
-fn hand(desk: &mut Desk, a: V3, b: V3, #[comptime] units: u32) {
-    desk.table[UNIT_POS as usize] = a.x;
-    desk.table[(units + UNIT_POS) as usize] = a.y;
-    desk.table[(2u32 * units + UNIT_POS) as usize] = a.z;
-    desk.table[(3u32 * units + UNIT_POS) as usize] = b.x;
-    desk.table[(4u32 * units + UNIT_POS) as usize] = b.y;
-    desk.table[(5u32 * units + UNIT_POS) as usize] = b.z;
+fn hand(desk: &mut Desk, row: u32, x: V3, #[comptime] column: u32, #[comptime] room: u32) {
+    desk.table[(column * room + row) as usize] = x.x;
+    desk.table[((column + 1u32) * room + row) as usize] = x.y;
+    desk.table[((column + 2u32) * room + row) as usize] = x.z;
 }
 
-/// What an owner takes from the table.
-#[derive(CubeType, Clone, Copy)]
-struct Taken {
-    a: V3,
-    b: V3,
-}
-
-/// The sums of the table's rows from `first` to `last`, and of row `extra` if that is not `NONE`.
+/// Adds the rows from `first` to `last`, and row `extra` if that is not `NONE`, to the owner's sums in the three columns
+/// from `column` on.
+// The sums are kept in shared memory and the loop is one that compilers cannot count: nvcc would unroll it, and both
+// would take so many registers that fewer blocks run.
 #[cube]
-fn taken(desk: &Desk, first: u32, last: u32, extra: u32, #[comptime] units: u32) -> Taken {
-    let mut ax = 0.0f32;
-    let mut ay = 0.0f32;
-    let mut az = 0.0f32;
-    let mut bx = 0.0f32;
-    let mut by = 0.0f32;
-    let mut bz = 0.0f32;
-    // One more turn for the row apart.
-    let turns = last - first + select(extra != NONE, 1u32, 0u32);
-    for k in 0..turns {
-        let row = select(first + k < last, first + k, extra);
-        ax += desk.table[row as usize];
-        ay += desk.table[(units + row) as usize];
-        az += desk.table[(2u32 * units + row) as usize];
-        bx += desk.table[(3u32 * units + row) as usize];
-        by += desk.table[(4u32 * units + row) as usize];
-        bz += desk.table[(5u32 * units + row) as usize];
+fn add_up(
+    desk: &mut Desk,
+    first: u32,
+    last: u32,
+    extra: u32,
+    #[comptime] column: u32,
+    #[comptime] room: u32,
+    #[comptime] owners: u32,
+) {
+    let mut x = 0.0f32;
+    let mut y = 0.0f32;
+    let mut z = 0.0f32;
+    let mut row = select(first < last, first, extra);
+    while row != NONE {
+        let at = column * room + row;
+        x += desk.table[at as usize];
+        y += desk.table[(room + at) as usize];
+        z += desk.table[(2u32 * room + at) as usize];
+        row = select(row + 1u32 < last, row + 1u32, select(row == extra, NONE, extra));
     }
-    Taken { a: V3 { x: ax, y: ay, z: az }, b: V3 { x: bx, y: by, z: bz } }
+    let mine = column * owners + UNIT_POS;
+    desk.owned[mine as usize] += x;
+    desk.owned[(owners + mine) as usize] += y;
+    desk.owned[(2u32 * owners + mine) as usize] += z;
+}
+
+/// The owner's sums in three columns; zero for units that own nothing.
+#[cube]
+fn owned(desk: &Desk, #[comptime] column: u32, #[comptime] owners: u32) -> V3 {
+    let mut x = 0.0f32;
+    let mut y = 0.0f32;
+    let mut z = 0.0f32;
+    if UNIT_POS < owners {
+        let mine = column * owners + UNIT_POS;
+        x = desk.owned[mine as usize];
+        y = desk.owned[(owners + mine) as usize];
+        z = desk.owned[(2u32 * owners + mine) as usize];
+    }
+    V3 { x, y, z }
 }
 
 /// The sums of the contacts of the block's particles. Vectors are those of the owner that a unit is; energies, losses
@@ -284,7 +323,8 @@ pub fn contacts_of(
     let limit = float_at(worlds, c + world::OVERLAP);
     let materials = worlds[(c + world::MATERIALS) as usize];
     let table = worlds[(c + world::PAIRS) as usize];
-    let accounts = comptime!(s.ledger && purpose == Purpose::Step);
+    let accounts = comptime!(accounts(s, purpose));
+    let room = comptime!(room(s, purpose));
     let weighs = comptime!(s.ledger || purpose == Purpose::Observe);
     let merged = comptime!(s.near_blocks());
     // The last units of a block of particles near surfaces look at those.
@@ -292,22 +332,9 @@ pub fn contacts_of(
     let near_owners = comptime!(s.shape.near);
     let near_block = merged && block * owners >= padded;
     let width = select(near_block, units - near_owners, units.runtime());
+    // Their rows are the last of the table.
+    let free = select(near_block, room - near_owners, room.runtime());
 
-    let mut fx = 0.0f32;
-    let mut fy = 0.0f32;
-    let mut fz = 0.0f32;
-    let mut tx = 0.0f32;
-    let mut ty = 0.0f32;
-    let mut tz = 0.0f32;
-    let mut dx = 0.0f32;
-    let mut dy = 0.0f32;
-    let mut dz = 0.0f32;
-    let mut gx = 0.0f32;
-    let mut gy = 0.0f32;
-    let mut gz = 0.0f32;
-    let mut rx = 0.0f32;
-    let mut ry = 0.0f32;
-    let mut rz = 0.0f32;
     let mut energy_normal = 0.0f32;
     let mut energy_tangential = 0.0f32;
     let mut energy_before = 0.0f32;
@@ -319,55 +346,103 @@ pub fn contacts_of(
     let mut contacts = 0u32;
     let mut touches = 0u32;
 
-    let mut begin = 0u32;
+    if UNIT_POS < owners {
+        #[unroll]
+        for q in 0..comptime!(columns(s, purpose)) {
+            desk.owned[(q * owners + UNIT_POS) as usize] = 0.0f32;
+        }
+    }
+    let held_at = comptime!((s.shape.owners / STRIDE) as usize);
+    let mut first_round = true;
     let mut more = true;
     while more {
-        let bits = near(desk, UNIT_POS % owners, begin, half, c, worlds, place, nbr, s, purpose);
-        desk.bits[UNIT_POS as usize] = bits;
-        sync_cube();
-        let mut left = 0u32;
-        if UNIT_POS < owners {
-            for g in 0..comptime!(s.shape.units / s.shape.owners).runtime() {
-                left |= desk.bits[(g * owners + UNIT_POS) as usize];
+        let mut left = near(desk, UNIT_POS % owners, half, c, worlds, place, nbr, s, purpose);
+        if comptime!(s.shape.units > s.shape.owners) {
+            desk.names[UNIT_POS as usize] = left;
+            sync_cube();
+            left = 0u32;
+            if UNIT_POS < owners {
+                for g in 0..comptime!(s.shape.units / s.shape.owners).runtime() {
+                    left |= desk.names[(g * owners + UNIT_POS) as usize];
+                }
             }
+        }
+        let number = left.count_ones();
+        if UNIT_POS < owners {
             desk.counts[UNIT_POS as usize] =
-                left.count_ones() + select(desk.many[UNIT_POS as usize] > begin + CHUNK, LONGER, 0u32);
+                number + select(desk.many[UNIT_POS as usize] > CHUNK, LONGER, 0u32);
         }
         sync_cube();
         if UNIT_POS < comptime!(s.shape.owners / STRIDE) {
             let mut n = 0u32;
-            for q in UNIT_POS * STRIDE..(UNIT_POS + 1u32) * STRIDE {
-                n += desk.counts[q as usize];
+            #[unroll]
+            for q in 0..STRIDE {
+                n += desk.counts[(UNIT_POS * STRIDE + q) as usize];
             }
             desk.totals[UNIT_POS as usize] = n;
         }
         sync_cube();
         let mut total = 0u32;
-        for q in 0..comptime!(s.shape.owners / STRIDE).runtime() {
+        #[unroll]
+        for q in 0..comptime!(s.shape.owners / STRIDE) {
             total += desk.totals[q as usize];
         }
-        more = total >= LONGER;
-        total %= LONGER;
-        let mut next = 0u32;
-        let mut summed = 0u32;
-        let mut end = 0u32;
+        more = total >= LONGER || total > free;
+        // Owners whose contacts do not fit into the table any more wait for the next round.
+        let mut first = 0u32;
+        let mut served = false;
         if UNIT_POS < owners {
-            next = before(desk);
-            summed = next;
-            end = next + left.count_ones();
-        }
-
-        let mut window = 0u32;
-        // Units of a block near surfaces have something to do without any contact.
-        let due = max(total, select(near_block && begin == 0u32, 1u32, 0u32));
-        while window < due {
-            while left != 0u32 && next < window + width {
-                let q = left.find_first_set() - 1u32;
-                left &= left - 1u32;
-                desk.bits[(next - window) as usize] = UNIT_POS | (q << 8u32);
-                next += 1u32;
+            first = before(desk, owners);
+            served = first + number <= free;
+            if served {
+                let mut after = LONGER.runtime();
+                if UNIT_POS + 1u32 < owners {
+                    after = desk.counts[(UNIT_POS + 1u32) as usize] % LONGER;
+                }
+                if first + number + after > free {
+                    desk.totals[held_at] = first + number;
+                }
+                let mut at = first;
+                while left != 0u32 {
+                    let q = left.find_first_set() - 1u32;
+                    left &= left - 1u32;
+                    desk.names[at as usize] = UNIT_POS | (q << 8u32);
+                    at += 1u32;
+                }
             }
-            sync_cube();
+        }
+        sync_cube();
+        let held = desk.totals[held_at];
+        let mut row = select(UNIT_POS < width, UNIT_POS, NONE);
+        while row < held {
+            let name = desk.names[row as usize];
+            let o = name & 0xffu32;
+            let at = desk.from[o as usize] + (name >> 8u32) * SLICE;
+            let i = desk.who[o as usize];
+            let entry = nbr[at as usize];
+            let j = entry & PARTNER;
+            let touched = entry & TOUCHING != 0u32;
+            // Both particles evaluate the pair in the same order, that of their numbers, so that what they
+            // find is the same to the bit.
+            let second = entry & SECOND != 0u32;
+            let a = (half + select(second, j, i)) as usize;
+            let b = (half + select(second, i, j)) as usize;
+            // All that a contact needs is asked for at once: what is near nearly always touches.
+            let (place_a, place_b) = (place[a], place[b]);
+            let (vel_a, vel_b) = (vel[a], vel[b]);
+            let (spin_a, spin_b) = (spin[a], spin[b]);
+            let before = hist[at as usize];
+            let r_a = f32::reinterpret(place_a[3]);
+            let r_b = f32::reinterpret(place_b[3]);
+            let apart = Two3 {
+                x: whole(i32::cast_from(place_b[0] - place_a[0])),
+                y: whole(i32::cast_from(place_b[1] - place_a[1])),
+                z: whole(i32::cast_from(place_b[2] - place_a[2])),
+            };
+            let d = metres(worlds, c, apart, comptime!(s.fused), comptime!(s.orthogonal));
+            let g = gap(d, sum(r_a, r_b), comptime!(s.fused));
+            let mut force = V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 };
+            let mut torque = V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 };
             let mut hx = 0.0f32;
             let mut hy = 0.0f32;
             let mut hz = 0.0f32;
@@ -377,224 +452,174 @@ pub fn contacts_of(
             let mut qx = 0.0f32;
             let mut qy = 0.0f32;
             let mut qz = 0.0f32;
-            if UNIT_POS < width && window + UNIT_POS < total {
-                let name = desk.bits[UNIT_POS as usize];
-                let o = name & 0xffu32;
-                let at = desk.from[o as usize] + (begin + (name >> 8u32)) * SLICE;
-                let i = desk.who[o as usize];
-                let entry = nbr[at as usize];
-                let j = entry & PARTNER;
-                let touched = entry & TOUCHING != 0u32;
-                // Both particles evaluate the pair in the same order, that of their numbers, so that what they
-                // find is the same to the bit.
-                let second = entry & SECOND != 0u32;
-                let a = (half + select(second, j, i)) as usize;
-                let b = (half + select(second, i, j)) as usize;
-                // All that a contact needs is asked for at once: what is near nearly always touches.
-                let (place_a, place_b) = (place[a], place[b]);
-                let (vel_a, vel_b) = (vel[a], vel[b]);
-                let (spin_a, spin_b) = (spin[a], spin[b]);
-                let before = hist[at as usize];
-                let r_a = f32::reinterpret(place_a[3]);
-                let r_b = f32::reinterpret(place_b[3]);
-                let apart = Two3 {
-                    x: whole(i32::cast_from(place_b[0] - place_a[0])),
-                    y: whole(i32::cast_from(place_b[1] - place_a[1])),
-                    z: whole(i32::cast_from(place_b[2] - place_a[2])),
-                };
-                let d = metres(worlds, c, apart, comptime!(s.fused), comptime!(s.orthogonal));
-                let g = gap(d, sum(r_a, r_b), comptime!(s.fused));
-                let mut force = V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 };
-                let mut torque = V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 };
-                if g.delta > 0.0f32 - range {
-                    let r_eff = r_a * r_b / (r_a + r_b);
-                    let arm_a = r_a - 0.5f32 * g.delta;
-                    let arm_b = r_b - 0.5f32 * g.delta;
-                    let e = interact(
-                        Meeting {
-                            n: g.n,
-                            delta: g.delta,
-                            r_eff,
-                            diameter: 4.0f32 * r_eff,
-                            r_a,
-                            r_b,
-                            arm_a,
-                            arm_b,
-                            im_a: vel_a[3],
-                            im_b: vel_b[3],
-                            v_a: first3(vel_a),
-                            v_b: first3(vel_b),
-                            w_a: bits3(spin_a),
-                            w_b: bits3(spin_b),
-                            stretch: V3 {
-                                x: select(touched, before[0], 0.0f32),
-                                y: select(touched, before[1], 0.0f32),
-                                z: select(touched, before[2], 0.0f32),
-                            },
-                            slip: select(touched, before[3], 0.0f32),
+            if g.delta > 0.0f32 - range {
+                let r_eff = r_a * r_b / (r_a + r_b);
+                let arm_a = r_a - 0.5f32 * g.delta;
+                let arm_b = r_b - 0.5f32 * g.delta;
+                let e = interact(
+                    Meeting {
+                        n: g.n,
+                        delta: g.delta,
+                        r_eff,
+                        diameter: 4.0f32 * r_eff,
+                        r_a,
+                        r_b,
+                        arm_a,
+                        arm_b,
+                        im_a: vel_a[3],
+                        im_b: vel_b[3],
+                        v_a: first3(vel_a),
+                        v_b: first3(vel_b),
+                        w_a: bits3(spin_a),
+                        w_b: bits3(spin_b),
+                        stretch: V3 {
+                            x: select(touched, before[0], 0.0f32),
+                            y: select(touched, before[1], 0.0f32),
+                            z: select(touched, before[2], 0.0f32),
                         },
-                        pairs,
-                        table + spin_a[3] * materials + spin_b[3],
-                        dt,
-                        comptime!(s.laws),
-                    );
-                    let sign = select(second, 0.0f32 - 1.0f32, 1.0f32);
-                    let on = scaled(e.force, sign);
-                    let turn = pick(second, e.torque_b, e.torque_a);
-                    force.x = on.x;
-                    force.y = on.y;
-                    force.z = on.z;
-                    torque.x = turn.x;
-                    torque.y = turn.y;
-                    torque.z = turn.z;
-                    let deep = g.delta / f32::min(r_a, r_b);
-                    worst = f32::max(worst, deep);
-                    if comptime!(purpose == Purpose::Step) {
-                        if deep > limit {
-                            too_deep(w, k, own[(2u32 * (listed + i)) as usize][3], flags);
-                        }
-                    }
-                    contacts += 1u32;
-                    if comptime!(accounts) {
-                        let dash = scaled(e.dash, sign);
-                        let roll = pick(second, e.roll_b, e.roll_a);
-                        let around = scaled(cross(g.n, e.dash), select(second, arm_b, arm_a));
-                        hx = dash.x;
-                        hy = dash.y;
-                        hz = dash.z;
-                        ux = around.x;
-                        uy = around.y;
-                        uz = around.z;
-                        qx = roll.x;
-                        qy = roll.y;
-                        qz = roll.z;
-                    }
-                    if comptime!(weighs) {
-                        energy_normal += 0.5f32 * e.energy_normal;
-                        energy_tangential += 0.5f32 * e.energy_tangential;
-                        energy_before += 0.5f32 * e.energy_before;
-                        friction_loss += 0.5f32 * e.friction_loss;
-                        dash_power += 0.5f32 * e.dash_power;
-                        roll_power += 0.5f32 * e.roll_power;
-                    }
-                    if comptime!(purpose == Purpose::Step) {
-                        hist[at as usize] = four(e.stretch.x, e.stretch.y, e.stretch.z, e.slip);
-                        if !touched {
-                            nbr[at as usize] = entry | TOUCHING;
-                        }
-                    }
-                } else {
-                    if comptime!(purpose == Purpose::Step) {
-                        if touched {
-                            nbr[at as usize] = entry & comptime!(!TOUCHING);
-                        }
+                        slip: select(touched, before[3], 0.0f32),
+                    },
+                    pairs,
+                    table + spin_a[3] * materials + spin_b[3],
+                    dt,
+                    comptime!(s.laws),
+                );
+                let sign = select(second, 0.0f32 - 1.0f32, 1.0f32);
+                let on = scaled(e.force, sign);
+                let turn = pick(second, e.torque_b, e.torque_a);
+                force.x = on.x;
+                force.y = on.y;
+                force.z = on.z;
+                torque.x = turn.x;
+                torque.y = turn.y;
+                torque.z = turn.z;
+                let deep = g.delta / f32::min(r_a, r_b);
+                worst = f32::max(worst, deep);
+                if comptime!(purpose == Purpose::Step) {
+                    if deep > limit {
+                        too_deep(w, k, own[(2u32 * (listed + i)) as usize][3], flags);
                     }
                 }
-                hand(desk, force, torque, units);
-            }
-            if comptime!(merged) {
-                if near_block && begin + window == 0u32 && UNIT_POS >= width {
-                    let o = UNIT_POS - width;
-                    if desk.who[o as usize] != NONE {
-                        let e = surfaces_of(
-                            desk.rows[o as usize],
-                            desk.who[o as usize],
-                            k,
-                            which,
-                            parity,
-                            padded,
-                            row_room,
-                            facet_room,
-                            t,
-                            w,
-                            dt,
-                            flags,
-                            worlds,
-                            place,
-                            vel,
-                            spin,
-                            own,
-                            refs,
-                            pairs,
-                            bounds,
-                            poses,
-                            tris,
-                            verts,
-                            rows,
-                            facets,
-                            row_count,
-                            row_mem,
-                            push,
-                            s,
-                            purpose,
-                        );
-                        hand(desk, e.force, e.torque, units);
-                        if comptime!(accounts) {
-                            hx = e.dash.x;
-                            hy = e.dash.y;
-                            hz = e.dash.z;
-                            ux = e.drag.x;
-                            uy = e.drag.y;
-                            uz = e.drag.z;
-                            qx = e.roll.x;
-                            qy = e.roll.y;
-                            qz = e.roll.z;
-                        }
-                        energy_normal += e.energy_normal;
-                        energy_tangential += e.energy_tangential;
-                        energy_before += e.energy_before;
-                        friction_loss += e.friction_loss;
-                        dash_power += e.dash_power;
-                        roll_power += e.roll_power;
-                        work += e.work;
-                        touches += e.touches;
-                        worst = f32::max(worst, e.worst);
+                contacts += 1u32;
+                if comptime!(accounts) {
+                    let dash = scaled(e.dash, sign);
+                    let roll = pick(second, e.roll_b, e.roll_a);
+                    let around = scaled(cross(g.n, e.dash), select(second, arm_b, arm_a));
+                    hx = dash.x;
+                    hy = dash.y;
+                    hz = dash.z;
+                    ux = around.x;
+                    uy = around.y;
+                    uz = around.z;
+                    qx = roll.x;
+                    qy = roll.y;
+                    qz = roll.z;
+                }
+                if comptime!(weighs) {
+                    energy_normal += 0.5f32 * e.energy_normal;
+                    energy_tangential += 0.5f32 * e.energy_tangential;
+                    energy_before += 0.5f32 * e.energy_before;
+                    friction_loss += 0.5f32 * e.friction_loss;
+                    dash_power += 0.5f32 * e.dash_power;
+                    roll_power += 0.5f32 * e.roll_power;
+                }
+                if comptime!(purpose == Purpose::Step) {
+                    hist[at as usize] = four(e.stretch.x, e.stretch.y, e.stretch.z, e.slip);
+                    if !touched {
+                        nbr[at as usize] = entry | TOUCHING;
+                    }
+                }
+            } else {
+                if comptime!(purpose == Purpose::Step) {
+                    if touched {
+                        nbr[at as usize] = entry & comptime!(!TOUCHING);
                     }
                 }
             }
-            sync_cube();
-            let first = summed - window;
-            let last = max(summed, min(end, window + width));
-            summed = last;
-            let mut extra = NONE.runtime();
-            if near_block && begin + window == 0u32 && UNIT_POS < near_owners {
-                extra = select(desk.who[UNIT_POS as usize] != NONE, width + UNIT_POS, NONE);
-            }
-            if UNIT_POS < owners {
-                let p = taken(desk, first, last - window, extra, units);
-                fx += p.a.x;
-                fy += p.a.y;
-                fz += p.a.z;
-                tx += p.b.x;
-                ty += p.b.y;
-                tz += p.b.z;
-            }
+            hand(desk, row, force, 0u32, room);
+            hand(desk, row, torque, 3u32, room);
             if comptime!(accounts) {
-                sync_cube();
-                hand(desk, V3 { x: hx, y: hy, z: hz }, V3 { x: ux, y: uy, z: uz }, units);
-                sync_cube();
-                if UNIT_POS < owners {
-                    let p = taken(desk, first, last - window, extra, units);
-                    dx += p.a.x;
-                    dy += p.a.y;
-                    dz += p.a.z;
-                    gx += p.b.x;
-                    gy += p.b.y;
-                    gz += p.b.z;
-                }
-                sync_cube();
-                hand(desk, V3 { x: qx, y: qy, z: qz }, V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 }, units);
-                sync_cube();
-                if UNIT_POS < owners {
-                    let p = taken(desk, first, last - window, extra, units);
-                    rx += p.a.x;
-                    ry += p.a.y;
-                    rz += p.a.z;
+                hand(desk, row, V3 { x: hx, y: hy, z: hz }, 6u32, room);
+                hand(desk, row, V3 { x: ux, y: uy, z: uz }, 9u32, room);
+                hand(desk, row, V3 { x: qx, y: qy, z: qz }, 12u32, room);
+            }
+            row += width;
+        }
+        if comptime!(merged) {
+            if near_block && first_round && UNIT_POS >= width {
+                let o = UNIT_POS - width;
+                if desk.who[o as usize] != NONE {
+                    let e = surfaces_of(
+                        desk.rows[o as usize],
+                        desk.who[o as usize],
+                        k,
+                        which,
+                        parity,
+                        padded,
+                        row_room,
+                        facet_room,
+                        t,
+                        w,
+                        dt,
+                        flags,
+                        worlds,
+                        place,
+                        vel,
+                        spin,
+                        own,
+                        refs,
+                        pairs,
+                        bounds,
+                        poses,
+                        tris,
+                        verts,
+                        rows,
+                        facets,
+                        row_count,
+                        row_mem,
+                        push,
+                        s,
+                        purpose,
+                    );
+                    let row = free + o;
+                    hand(desk, row, e.force, 0u32, room);
+                    hand(desk, row, e.torque, 3u32, room);
+                    if comptime!(accounts) {
+                        hand(desk, row, e.dash, 6u32, room);
+                        hand(desk, row, e.drag, 9u32, room);
+                        hand(desk, row, e.roll, 12u32, room);
+                    }
+                    energy_normal += e.energy_normal;
+                    energy_tangential += e.energy_tangential;
+                    energy_before += e.energy_before;
+                    friction_loss += e.friction_loss;
+                    dash_power += e.dash_power;
+                    roll_power += e.roll_power;
+                    work += e.work;
+                    touches += e.touches;
+                    worst = f32::max(worst, e.worst);
                 }
             }
-            window += width;
         }
-        begin += CHUNK;
+        sync_cube();
+        if UNIT_POS < owners {
+            // Owners that wait have nothing in the table yet, but perhaps a row of what surfaces do.
+            let last = select(served, first + number, 0u32);
+            let mut extra = NONE.runtime();
+            if near_block && first_round && UNIT_POS < near_owners {
+                extra = select(desk.who[UNIT_POS as usize] != NONE, free + UNIT_POS, NONE);
+            }
+            #[unroll]
+            for q in 0..comptime!(columns(s, purpose) / 3) {
+                add_up(desk, first, last, extra, 3u32 * q, room, owners);
+            }
+            if served {
+                desk.from[UNIT_POS as usize] += CHUNK * SLICE;
+                desk.many[UNIT_POS as usize] -= min(desk.many[UNIT_POS as usize], CHUNK);
+            }
+        }
+        first_round = false;
+        sync_cube();
     }
     if comptime!(merged && purpose == Purpose::Step) {
         if near_block {
@@ -621,11 +646,11 @@ pub fn contacts_of(
         }
     }
     Sums {
-        force: V3 { x: fx, y: fy, z: fz },
-        torque: V3 { x: tx, y: ty, z: tz },
-        dash: V3 { x: dx, y: dy, z: dz },
-        drag: V3 { x: gx, y: gy, z: gz },
-        roll: V3 { x: rx, y: ry, z: rz },
+        force: owned(desk, 0u32, owners),
+        torque: owned(desk, 3u32, owners),
+        dash: if comptime!(accounts) { owned(desk, 6u32, owners) } else { zero() },
+        drag: if comptime!(accounts) { owned(desk, 9u32, owners) } else { zero() },
+        roll: if comptime!(accounts) { owned(desk, 12u32, owners) } else { zero() },
         energy_normal,
         energy_tangential,
         energy_before,

@@ -94,14 +94,13 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// The shape for a world. Most are best served by a unit for each particle, in blocks so small that none waits long
-    /// for another; where particles are too few to fill a device, more units shorten the longest chain. Blocks near
-    /// surfaces own few particles, since theirs is the longest.
+    /// The shape for a world: small blocks, so that none waits long for another, and more units than particles where
+    /// those are too few to fill a device. Blocks near surfaces own fewer particles, since theirs is the longest chain.
     pub fn of(count: usize) -> Self {
         match count {
-            1025..=16_384 => Self { owners: SLICE, units: 4 * SLICE, near: SLICE / 2 },
-            0..=1024 => Self { owners: SLICE, units: SLICE, near: SLICE / 2 },
-            _ => Self { owners: 2 * SLICE, units: 2 * SLICE, near: SLICE },
+            1025..=16_384 => Self { owners: SLICE, units: 2 * SLICE, near: SLICE / 2 },
+            16_385..=MERGED => Self { owners: 2 * SLICE, units: 2 * SLICE, near: SLICE },
+            _ => Self { owners: SLICE, units: SLICE, near: SLICE / 2 },
         }
     }
 }
@@ -296,7 +295,7 @@ pub mod pose {
 pub const PERIOD: u32 = 64;
 
 /// Most particles of a world whose steps are one launch.
-pub const MERGED: usize = 65_536;
+pub const MERGED: usize = 131_072;
 /// Contacts of a particle with surfaces that are remembered.
 pub const SLOTS: u32 = 8;
 /// Facets that one particle touches and that are compared with each other; below 32.

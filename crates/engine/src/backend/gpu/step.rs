@@ -610,7 +610,7 @@ pub fn step(
         for q in 0..COLUMNS {
             out[q as usize] = 0.0f32;
         }
-        let mut desk = desk(s.shape);
+        let mut desk = desk(s, purpose);
         seat(&mut desk, block, padded, list_room, row_room, w, which, worlds, states, lists, rows, s);
         let p = contacts_of(
             &mut desk, block, k, padded, row_room, facet_room, names, w, which, parity, t, dt, flags, worlds,
