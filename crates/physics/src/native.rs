@@ -11,3 +11,9 @@ pub fn select<T>(condition: bool, a: T, b: T) -> T {
 pub fn root(x: f64) -> f64 {
     x.sqrt()
 }
+
+/// 1/√x, of 1e-37 for what is below that.
+#[inline(always)]
+pub fn inverse_root(x: f64) -> f64 {
+    1.0 / x.max(1e-37).sqrt()
+}

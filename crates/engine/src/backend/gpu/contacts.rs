@@ -10,7 +10,7 @@ use glebe_physics::kernel::vector::{V3, cross, scaled};
 
 use super::compensated::{Two3, gap, sum, whole};
 use super::layout::{F4, NONE, PARTNER, SECOND, SLICE, Signature, TOUCHING, U4, float_at, status, world};
-use super::pair::{Meeting, interact};
+use super::pair::{Meeting, interact, inverse_inertia};
 use super::step::{Purpose, Sums, apart2, bits3, first3, four, pick, shared_push, zero};
 use super::surfaces::{metres, surfaces_of, too_deep};
 
@@ -26,8 +26,8 @@ const STRIDE: u32 = 16;
 pub const COLUMNS: u32 = 10;
 /// Bytes that the table of contacts may take, so that a block needs less than 16 KiB.
 const TABLE: u32 = 11_000;
-/// Most contacts of one unit in the table.
-const ROUNDS: u32 = 8;
+/// Most contacts of one unit in the table. A processor's shared memory is taken from its cache.
+const ROUNDS: u32 = 6;
 
 /// What a block shares.
 #[derive(CubeType, Clone, Copy)]
@@ -453,7 +453,9 @@ pub fn contacts_of(
             let mut qy = 0.0f32;
             let mut qz = 0.0f32;
             if g.delta > 0.0f32 - range {
-                let r_eff = r_a * r_b / (r_a + r_b);
+                let both = 1.0f32 / (r_a * r_b);
+                let (curved_a, curved_b) = (both * r_b, both * r_a);
+                let r_eff = 1.0f32 / (curved_a + curved_b);
                 let arm_a = r_a - 0.5f32 * g.delta;
                 let arm_b = r_b - 0.5f32 * g.delta;
                 let e = interact(
@@ -468,6 +470,8 @@ pub fn contacts_of(
                         arm_b,
                         im_a: vel_a[3],
                         im_b: vel_b[3],
+                        ii_a: inverse_inertia(vel_a[3], curved_a),
+                        ii_b: inverse_inertia(vel_b[3], curved_b),
                         v_a: first3(vel_a),
                         v_b: first3(vel_b),
                         w_a: bits3(spin_a),
@@ -493,7 +497,7 @@ pub fn contacts_of(
                 torque.x = turn.x;
                 torque.y = turn.y;
                 torque.z = turn.z;
-                let deep = g.delta / f32::min(r_a, r_b);
+                let deep = g.delta * f32::max(curved_a, curved_b);
                 worst = f32::max(worst, deep);
                 if comptime!(purpose == Purpose::Step) {
                     if deep > limit {

@@ -292,7 +292,7 @@ pub mod pose {
 
 /// Steps after which lists are made anew even where they still hold. Then worlds and the host, which launches as many
 /// steps before it looks after lists, keep pace, and hardly any launch is in vain.
-pub const PERIOD: u32 = 64;
+pub const PERIOD: u32 = 128;
 
 /// Most particles of a world whose steps are one launch.
 pub const MERGED: usize = 131_072;

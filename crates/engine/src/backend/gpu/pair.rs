@@ -34,6 +34,10 @@ pub struct Meeting {
     pub im_a: f32,
     /// Inverse mass of b \[1/kg\].
     pub im_b: f32,
+    /// Inverse moments of inertia \[1/(kg m²)\].
+    pub ii_a: f32,
+    /// Inverse moment of inertia of b \[1/(kg m²)\].
+    pub ii_b: f32,
     /// Velocities \[m/s\]; a surface's at the contact point.
     pub v_a: V3,
     /// Velocity of b \[m/s\].
@@ -87,10 +91,10 @@ fn coefficients(pairs: &Array<F4>, at: u32) -> Coefficients {
     Coefficients { a: q[0], b: q[1], c: q[2], d: q[3] }
 }
 
-/// Inverse moment of inertia of a sphere; 0 for a surface.
+/// Inverse moment of inertia of a sphere \[1/(kg m²)\], from its inverse mass and inverse radius \[1/m\].
 #[cube]
-pub fn inverse_inertia(inverse_mass: f32, r: f32) -> f32 {
-    select(r > 0.0f32, 2.5f32 * inverse_mass / f32::max(r * r, 1.0e-37f32), 0.0f32)
+pub fn inverse_inertia(inverse_mass: f32, curvature: f32) -> f32 {
+    2.5f32 * inverse_mass * curvature * curvature
 }
 
 /// Applies the laws with the coefficients at `pair`.
@@ -141,8 +145,8 @@ pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] l
             arm_j: m.arm_b,
             r_i: m.r_a,
             r_j: m.r_b,
-            inv_inertia_i: inverse_inertia(m.im_a, m.r_a),
-            inv_inertia_j: inverse_inertia(m.im_b, m.r_b),
+            inv_inertia_i: m.ii_a,
+            inv_inertia_j: m.ii_b,
             r_eff: m.r_eff,
             load: f32::max(load, 0.0f32),
             dt,

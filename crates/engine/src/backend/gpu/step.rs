@@ -659,7 +659,7 @@ pub fn step(
             worst = f32::max(worst, q.worst);
             let force = plus(p.force, q.force);
             let torque = plus(p.torque, q.torque);
-            let inv_inertia = inverse_inertia(im, r);
+            let inv_inertia = inverse_inertia(im, 1.0f32 / r);
             let g = c + world::GRAVITY;
             let free = V3 {
                 x: force.x * im + float_at(worlds, g),

@@ -15,7 +15,7 @@ use super::layout::{
     F4, FACET_WORDS, IMAGE_BITS, IMAGE_ZERO, NONE, SLOTS, Signature, TOUCHED, U4, boundary, flag, float_at,
     halt, pose, world,
 };
-use super::pair::{Meeting, interact};
+use super::pair::{Meeting, interact, inverse_inertia};
 use super::step::{Purpose, Sums, bits3, first3, four, quad, turned};
 
 /// Metres per unit: entry `k` of the matrix by rows, of the world whose table begins at `c`.
@@ -552,6 +552,7 @@ pub fn surfaces_of(
                 V3 { x: float_at(poses, u), y: float_at(poses, u + 1u32), z: float_at(poses, u + 2u32) };
             let v_b = plus(moving, cross(turning, arm));
             let partner = bounds[(bt + boundary::MATERIAL) as usize];
+            let curvature = 1.0f32 / r;
             let f = interact(
                 Meeting {
                     n,
@@ -564,6 +565,8 @@ pub fn surfaces_of(
                     arm_b: 0.0f32,
                     im_a: im,
                     im_b: 0.0f32,
+                    ii_a: inverse_inertia(im, curvature),
+                    ii_b: 0.0f32,
                     v_a: v,
                     v_b,
                     w_a: w,
@@ -582,7 +585,7 @@ pub fn surfaces_of(
             tx += f.torque_a.x;
             ty += f.torque_a.y;
             tz += f.torque_a.z;
-            worst = f32::max(worst, delta / r);
+            worst = f32::max(worst, delta * curvature);
             if comptime!(s.ledger || purpose == Purpose::Observe) {
                 let around = scaled(cross(n, f.dash), distance);
                 dx += f.dash.x;

@@ -78,6 +78,5 @@ pub fn rolling_rate(r: Roll) -> V3 {
 #[cfg_attr(feature = "gpu", cube)]
 #[inline(always)]
 pub fn braking(w: V3, limit: f32, inv: f32, dt: f32) -> V3 {
-    let rate = f32::max(length(w), 1.0e-30f32);
-    scaled(w, 0.0f32 - f32::min(limit / rate, 1.0f32 / (dt * inv)))
+    scaled(w, 0.0f32 - f32::min(limit * inverse_root(dot(w, w)), 1.0f32 / (dt * inv)))
 }

@@ -89,6 +89,14 @@ pub fn carried(stretch: V3, n: V3, twist: f32) -> V3 {
     scaled(turned, select(new > 0.0f32, 1.0f32 + x / (1.0f32 + root(1.0f32 + x)), 0.0f32))
 }
 
+/// What `force` is scaled by so that it is no larger than `cap`.
+#[cfg_attr(feature = "gpu", cube)]
+#[inline(always)]
+fn within(force: V3, cap: f32) -> f32 {
+    let size2 = dot(force, force);
+    select(size2 > cap * cap, cap * inverse_root(size2), 1.0f32)
+}
+
 /// One step of the tangential spring.
 ///
 /// `stretch` has been [`carried()`]; `vt` \[m/s\] is the tangential velocity of i relative to j; `fn_`
@@ -105,28 +113,29 @@ pub fn slide(stretch: V3, slip: f32, s: Spring, f: Friction, fn_: f32, vt: V3, d
     let kept = scaled(stretch, f.remember);
     let trial = plus(kept, scaled(vt, dt));
     let dashpot = scaled(vt, s.damping);
-    let trial_force = length(plus(scaled(trial, s.stiffness), dashpot));
+    let pull = scaled(trial, s.stiffness);
+    let together = plus(pull, dashpot);
+    let (slide, stick) = (f.sliding * load, f.sticking * load);
+    // Squares are compared where sizes are not needed.
+    let size2 = dot(together, together);
     let reversed = dot(vt, kept) <= 0.0f32;
-    let slides_on = select(reversed, trial_force >= f.sliding * load, true);
-    let starts = trial_force > f.sticking * load;
-    let slips = select(slip > 0.5f32, slides_on, starts);
-    let cap = select(slips, f.sliding, f.sticking) * load;
+    let slides_on = select(reversed, size2 >= slide * slide, true);
+    let slips = select(slip > 0.5f32, slides_on, size2 > stick * stick);
+    let cap = select(slips, slide, stick);
 
-    let stretched = length(trial);
-    let limit = cap / f32::max(s.stiffness, 1.0e-30f32);
-    let shorten = select(stretched > limit, limit / stretched, 1.0f32);
-    let clipped = scaled(trial, shorten);
-    let spring = scaled(clipped, 0.0f32 - s.stiffness);
+    let shorten = within(pull, cap);
+    let spring = scaled(pull, 0.0f32 - shorten);
     let total = minus(spring, dashpot);
-    let size = length(total);
-    let force = scaled(total, select(size > cap, cap / size, 1.0f32));
+    let force = scaled(total, within(total, cap));
 
     // A spring that is never shortened holds no more energy than its force can give back: beyond the limit
     // its stretch is the path slid, which was accounted when it was slid.
     let truncates = f.truncate > 0.5f32;
+    let stretched = length(trial);
+    let limit = cap / f32::max(s.stiffness, 1.0e-30f32);
     let before = length(kept);
     let holds = select(truncates, before, f32::min(before, limit));
-    let held = length(clipped);
+    let held = stretched * shorten;
     let slid = stretched - select(truncates, held, f32::max(before, held));
     let half = 0.5f32 * s.stiffness;
     TangentialForce {
