@@ -1,7 +1,7 @@
 //! ParaView's collection files (`.pvd`): which file shows which part at which time.
 
 use std::fs::{self, File};
-use std::io::{self, Read, Write};
+use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
 
 use super::atomic::{OutputError, write_atomic};
@@ -39,9 +39,18 @@ pub fn write(path: &Path, entries: &[Entry]) -> Result<(), OutputError> {
 /// need not hold it.
 ///
 /// # Errors
-/// [`OutputError::Io`].
+/// [`OutputError::Malformed`] if it is gone, [`OutputError::Io`].
 pub fn extend(path: &Path, entries: &[Entry]) -> Result<(), OutputError> {
-    let read = |e: io::Error| OutputError::io(path, "read this collection of frames", e);
+    let read = |e: io::Error| match e.kind() {
+        ErrorKind::NotFound => OutputError::Malformed {
+            path: path.to_owned(),
+            what:
+                "is gone, and with it the list of the frames before: put it back and go on with --resume, or \
+                   start again with --force"
+                    .to_owned(),
+        },
+        _ => OutputError::io(path, "read this collection of frames", e),
+    };
     let file = File::open(path).map_err(read)?;
     let listed = file.metadata().map_err(read)?.len().saturating_sub(TAIL.len() as u64);
     write_atomic(path, |out| {
