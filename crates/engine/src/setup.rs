@@ -96,6 +96,8 @@ pub struct Constants {
     pub boundaries: Vec<Boundary>,
     /// Number of particles at the start.
     pub count: usize,
+    /// Least radius \[m\].
+    pub radius_min: f64,
     /// Largest radius \[m\].
     pub radius_max: f64,
     /// Mean radius \[m\].
@@ -163,13 +165,14 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
     }
     let set = std::mem::take(&mut spec.particles);
     let count = set.len();
-    let (mut radius_max, mut radius_sum) = (0.0_f64, 0.0);
+    let (mut radius_min, mut radius_max, mut radius_sum) = (f64::INFINITY, 0.0_f64, 0.0);
     for &r in &set.radius {
+        radius_min = radius_min.min(r);
         radius_max = radius_max.max(r);
         radius_sum += r;
     }
     let radius_mean = if count > 0 { radius_sum / count as f64 } else { 1e-3 };
-    let radius_max = if count > 0 { radius_max } else { 1e-3 };
+    let [radius_min, radius_max] = if count > 0 { [radius_min, radius_max] } else { [1e-3; 2] };
     let range = pairs.iter().map(|p| p.range).fold(0.0, f64::max);
     let cutoff = 2.0 * radius_max + range + SKIN_MAX * radius_mean;
     let lattice = Lattice::new(&spec.domain, cutoff)
@@ -188,6 +191,7 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         pairs,
         boundaries,
         count,
+        radius_min,
         radius_max,
         radius_mean,
         range,

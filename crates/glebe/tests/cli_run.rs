@@ -223,6 +223,39 @@ fn what_is_wrong_with_a_checkpoint_is_told_and_the_one_before_continued() {
 }
 
 #[test]
+fn checkpoints_may_leave_out_what_contacts_remember_and_then_say_so() {
+    let place = Place::new();
+    place.write("scene.toml", SCENE);
+    let sets =
+        ["stage.push.duration=0.1", "stage.settle.until.at_most=0.2"].map(|set| ["--set", set]).concat();
+    let run = |out: &'static str, more: &[&'static str]| {
+        [&["run", "scene.toml", "--no-cache", "--device", "cpu", "--out", out], &sets[..], more].concat()
+    };
+    place.glebe(&run("whole", &[])).expect(0);
+    let small = ["--set", "output.checkpoint_history=false"];
+    let child = place.command(&run("parts", &small)).spawn().unwrap();
+    wait_for_rows(&place, "parts", 210);
+    signal(&child, "-TERM");
+    Ended::of(&child.wait_with_output().unwrap()).expect(130);
+
+    let folder = place.path("parts/checkpoint");
+    let newest = fs::read_dir(&folder).unwrap().map(|e| e.unwrap().path()).max().unwrap();
+    let found = checkpoint::read(&newest).unwrap();
+    let state = State::from_bytes(&found.state).unwrap();
+    assert!(found.header.forgetful && state.contacts.is_empty() && state.surface_contacts.is_empty());
+    assert!(!state.particles.id.is_empty());
+    let again = run("parts", &["--set", "output.checkpoint_history=false", "--resume"]);
+    place.glebe(&again).expect(0).says(&["leaves out what contacts remember", "resumed at"]);
+    assert_ne!(place.hash("parts"), place.hash("whole"), "the contacts remembered nothing");
+
+    // A run that is not stopped knows nothing of it, and is complete when it is.
+    place.glebe(&run("quiet", &small)).expect(0);
+    assert_eq!(place.hash("quiet"), place.hash("whole"));
+    let again = run("quiet", &["--set", "output.checkpoint_history=false", "--resume"]);
+    place.glebe(&again).expect(0).says(&["nothing was left to do"]);
+}
+
+#[test]
 fn a_settled_bed_is_reused_without_changing_a_bit() {
     let place = Place::new();
     place.write("scene.toml", SCENE);

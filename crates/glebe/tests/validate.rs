@@ -23,7 +23,7 @@ fn all_cases_pass_in_quick_size() {
     let result = json(&run);
     let cases = result["cases"].as_array().unwrap();
     let ids: Vec<_> = cases.iter().map(|c| c["id"].as_str().unwrap()).collect();
-    assert_eq!(ids, ["A1", "A2", "A3", "A4", "A7", "B1", "B10", "B11"]);
+    assert_eq!(ids, ["A1", "A2", "A3", "A4", "A7", "B1", "B10", "B11", "P1"]);
     for case in cases {
         let metrics = case["metrics"].as_object().unwrap();
         assert!(!metrics.is_empty(), "{case:#}");

@@ -42,6 +42,9 @@ pub struct Header {
     pub rows: u64,
     /// Frames that `frames.pvd` had then.
     pub frames: u64,
+    /// Whether what contacts remember was left out: a resumed run then ends with other bits.
+    #[serde(default)]
+    pub forgetful: bool,
 }
 
 /// A state that was read back.

@@ -1,5 +1,7 @@
 //! Scene and study files, meshes, particle files, writers and checkpoints of the glebe DEM engine.
 
+#![forbid(unsafe_code)]
+
 pub mod checkpoint;
 mod input;
 pub mod mesh;

@@ -24,6 +24,7 @@ fn header(step: u64) -> Header {
         time: step as f64 * 1.1e-5,
         rows: step / 10,
         frames: step / 100,
+        forgetful: false,
     }
 }
 

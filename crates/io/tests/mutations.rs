@@ -15,6 +15,7 @@ use glebe_io::checkpoint::{self, Header};
 use glebe_io::mesh::{self, Transform};
 use glebe_io::particles;
 use glebe_io::scene::Scene;
+use glebe_io::study::Study;
 use sha2::{Digest, Sha256};
 
 /// Files made of each seed, if `GLEBE_MUTATIONS` does not say how many.
@@ -94,7 +95,11 @@ fn mutated(seed: &[u8], other: &[u8], chance: &mut Chance) -> Vec<u8> {
 
 /// Seeds by name: the files of a folder of `fuzz/seeds`.
 fn seeds(folder: &str) -> Vec<(String, Vec<u8>)> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/seeds").join(folder);
+    files("seeds", folder)
+}
+
+fn files(kind: &str, folder: &str) -> Vec<(String, Vec<u8>)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz").join(kind).join(folder);
     let mut all: Vec<_> = fs::read_dir(folder)
         .unwrap()
         .map(|entry| entry.unwrap().path())
@@ -135,8 +140,29 @@ fn mesh_is_read(name: &str, bytes: &[u8]) -> bool {
     mesh::parse(Path::new(name), bytes, &Transform::default()).is_ok()
 }
 
+fn particles_are_read(bytes: &[u8]) -> bool {
+    particles::parse(Path::new("a"), bytes).is_ok()
+}
+
 fn scene_is_read(bytes: &[u8]) -> bool {
     str::from_utf8(bytes).is_ok_and(|text| Scene::parse("scene.toml", text, &[]).is_ok())
+}
+
+fn set_is_read(bytes: &[u8]) -> bool {
+    let scene = include_str!("../../../fuzz/seeds/scene/push.toml");
+    str::from_utf8(bytes).is_ok_and(|set| Scene::parse("scene.toml", scene, &[set.to_owned()]).is_ok())
+}
+
+/// Over a scene of the seeds.
+fn study_is_read(bytes: &[u8]) -> bool {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/seeds/scene");
+    str::from_utf8(bytes).is_ok_and(|text| Study::parse("study.toml", text, &folder, &[]).is_ok())
+}
+
+/// With the right checksum: it shields what is behind it from chance, but somebody who means ill gets it right.
+fn checkpoint_is_read(bytes: &[u8]) -> bool {
+    let signed = [bytes, Sha256::digest(bytes).as_slice()].concat();
+    checkpoint::parse(Path::new("a"), &signed).is_ok()
 }
 
 #[test]
@@ -145,14 +171,13 @@ fn scenes() {
 }
 
 #[test]
+fn studies() {
+    torment("study", &seeds("study"), study_is_read);
+}
+
+#[test]
 fn set_arguments() {
-    let words =
-        ["stage.push.duration=\"0.2 s\"", "domain.max.0=0.2", "particles.bed.radius={uniform=[0.001,0.002]}"];
-    let seeds: Vec<_> = words.iter().map(|w| ((*w).to_owned(), w.as_bytes().to_vec())).collect();
-    torment("set", &seeds, |bytes| {
-        let scene = include_str!("../../../fuzz/seeds/scene/push.toml");
-        str::from_utf8(bytes).is_ok_and(|set| Scene::parse("scene.toml", scene, &[set.to_owned()]).is_ok())
-    });
+    torment("set", &seeds("set"), set_is_read);
 }
 
 #[test]
@@ -165,7 +190,32 @@ fn meshes() {
 #[test]
 fn particle_files() {
     for folder in ["csv", "vtk"] {
-        torment(folder, &seeds(folder), |bytes| particles::parse(Path::new("a"), bytes).is_ok());
+        torment(folder, &seeds(folder), particles_are_read);
+    }
+}
+
+/// What fuzzing found worth keeping; much of it is broken.
+#[test]
+fn the_corpus_of_fuzzing_is_read_or_refused() {
+    type Reader = fn(&[u8]) -> bool;
+    let readers: [(&str, Reader); 10] = [
+        ("checkpoint", checkpoint_is_read),
+        ("csv", particles_are_read),
+        ("obj", |bytes| mesh_is_read("a.obj", bytes)),
+        ("ply", |bytes| mesh_is_read("a.ply", bytes)),
+        ("scene", scene_is_read),
+        ("set", set_is_read),
+        ("state", |bytes| State::from_bytes(bytes).is_ok()),
+        ("stl", |bytes| mesh_is_read("a.stl", bytes)),
+        ("study", study_is_read),
+        ("vtk", particles_are_read),
+    ];
+    for (name, read) in readers {
+        for (file, bytes) in files("corpus", name) {
+            let begun = Instant::now();
+            assert!(catch_unwind(|| read(&bytes)).is_ok(), "{name}: {file} ends the program");
+            assert!(begun.elapsed() < PATIENCE, "{name}: {file} takes too long");
+        }
     }
 }
 
@@ -193,10 +243,6 @@ fn states_and_checkpoints() {
     checkpoint::write(&path, &header, &state[..5000]).unwrap();
     let seed = [("a checkpoint".to_owned(), fs::read(&path).unwrap())];
     torment("checkpoint", &seed, |bytes| checkpoint::parse(Path::new("a"), bytes).is_ok());
-    // The checksum shields what is behind it from chance; somebody who means ill gets it right.
-    torment("signed checkpoint", &seed, |bytes| {
-        let content = &bytes[..bytes.len().saturating_sub(32)];
-        let signed = [content, Sha256::digest(content).as_slice()].concat();
-        checkpoint::parse(Path::new("a"), &signed).is_ok()
-    });
+    let unsigned = seed[0].1[..seed[0].1.len() - 32].to_vec();
+    torment("signed checkpoint", &[("a checkpoint".to_owned(), unsigned)], checkpoint_is_read);
 }

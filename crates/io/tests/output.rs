@@ -691,6 +691,14 @@ mod frames {
         write(&mut writer, 3);
         assert_eq!(fs::read(dir.frames_pvd()).unwrap(), whole);
 
+        // The list is somebody's to delete while the run goes on; no new one pretends to be whole.
+        fs::remove_file(dir.frames_pvd()).unwrap();
+        let parts = [(0, cloud.data())];
+        let gone = writer.write(2.0, &parts).unwrap_err().to_string();
+        assert!(gone.contains("frames.pvd: is gone") && gone.contains("--resume"), "{gone}");
+        assert!(!dir.frames_pvd().exists() && writer.count() == 4);
+        fs::write(dir.frames_pvd(), &whole).unwrap();
+
         let few = FrameWriter::resume(&dir, &names, 5).unwrap_err().to_string();
         assert!(few.contains("lists 4 frames, but the checkpoint was taken after 5"), "{few}");
         let mut writer = FrameWriter::create(&dir, &names[..1]).unwrap();

@@ -131,6 +131,7 @@ const EVERYTHING: &str = r#"
     [output]
     energy_ledger = false
     checkpoint = "0.5 s"
+    checkpoint_history = false
 "#;
 
 #[test]
@@ -179,6 +180,7 @@ fn every_key_arrives() {
     );
     assert_eq!((stage.measures[1].component, stage.measures[1].window), (Component::Draught, Window::Stage));
     assert_eq!((scene.sampling.energy_ledger, scene.checkpoint), (false, Some(0.5)));
+    assert!(!scene.checkpoint_history);
 }
 
 #[test]

@@ -2,6 +2,8 @@
 //!
 //! No I/O, no thread, no allocation in laws, no device but the optional expansion for CubeCL.
 
+// CubeCL's expansion is not ours to forbid it.
+#![cfg_attr(not(feature = "gpu"), forbid(unsafe_code))]
 // What CubeCL makes of the kernel functions carries no documentation.
 #![cfg_attr(feature = "gpu", allow(missing_docs))]
 

@@ -3,6 +3,8 @@
 //! [`Plot`] draws lines, dashes and points on linear or logarithmic axes; [`draught_force`], [`energies`]
 //! and [`Profile::plot`] are the plots that a tillage run comes with.
 
+#![forbid(unsafe_code)]
+
 mod axis;
 mod frame;
 mod furrow;

@@ -196,9 +196,12 @@ pub fn overlap_failure(c: &Constants, g: &Progress, body: &str, other: &str, wor
 /// The failure of a world where `body` ran away with velocity `v`.
 pub fn runaway_failure(c: &Constants, g: &Progress, body: &str, v: Vec3) -> Failure {
     let what = if v.iter().all(|x| x.is_finite()) {
-        "moves farther than its own cell in one step"
+        let far = runaway_distance(c);
+        format!(
+            "moves more than {far:.3e} m in one step, with which the smallest particle could pass through a surface"
+        )
     } else {
-        "has a velocity that is not a number"
+        "has a velocity that is not a number".to_owned()
     };
     failure(
         c,
@@ -212,7 +215,8 @@ fn failure(c: &Constants, g: &Progress, what: String, cause: &str) -> Failure {
     Failure { time: g.step as f64 * c.dt, step: g.step, what, cause: cause.to_owned() }
 }
 
-/// The displacement in one step that is too much \[m\]: what neighbour lists could not see.
+/// The displacement in one step that is too much \[m\]: with it the smallest sphere could pass through a thin surface,
+/// from touching on one side to an allowed overlap on the other.
 pub fn runaway_distance(c: &Constants) -> f64 {
-    2.0 * c.radius_max + c.range
+    (2.0 - c.spec.guards.overlap_limit.min(1.0)) * c.radius_min
 }

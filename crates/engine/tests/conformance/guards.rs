@@ -23,7 +23,7 @@ pub fn a_world_that_goes_wrong_stops_alone(on: &Subject) {
     const SOFT: f64 = 3e4;
     let mut warned = meeting(SOFT);
     warned.guards.overlap_stops = false;
-    // Farther in one step than its own cell.
+    // Through everything in one step.
     let mut fast = meeting(1e8);
     fast.particles.velocity[1] = [5e3, 0.0, 0.0];
     let mut batch = Together::new(on, vec![meeting(1e8), meeting(SOFT), warned, fast]);

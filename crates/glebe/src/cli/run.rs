@@ -116,6 +116,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
             args.checkpoint_every.map_or(scene.checkpoint_wall, f64::from),
         ),
         checkpoint_time: scene.checkpoint,
+        checkpoint_history: scene.checkpoint_history,
         warnings: built.warnings.iter().map(one_line).collect(),
         ..Settings::new(&out)
     };

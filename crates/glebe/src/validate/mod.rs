@@ -17,6 +17,7 @@ mod b10;
 mod b11;
 mod case;
 mod output;
+mod p1;
 mod trial;
 
 use std::path::PathBuf;
@@ -33,7 +34,8 @@ use trial::Trial;
 pub(crate) use trial::power_law;
 
 /// Every case, in the order in which they run.
-const CASES: &[Case] = &[a1::CASE, a2::CASE, a3::CASE, a4::CASE, a7::CASE, b1::CASE, b10::CASE, b11::CASE];
+const CASES: &[Case] =
+    &[a1::CASE, a2::CASE, a3::CASE, a4::CASE, a7::CASE, b1::CASE, b10::CASE, b11::CASE, p1::CASE];
 
 /// All registered cases.
 pub fn cases() -> &'static [Case] {

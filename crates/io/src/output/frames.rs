@@ -14,7 +14,6 @@ pub struct FrameWriter {
     folder: PathBuf,
     collection: PathBuf,
     parts: Vec<Part>,
-    entries: Vec<pvd::Entry>,
     next: u64,
 }
 
@@ -31,7 +30,7 @@ impl FrameWriter {
     /// # Errors
     /// [`OutputError::Io`].
     pub fn create(dir: &OutputDir, parts: &[&str]) -> Result<Self, OutputError> {
-        Self::begin(dir, parts, Vec::new(), 0)
+        Self::begin(dir, parts, &[], 0)
     }
 
     /// Continues after the first `frames` frames of an earlier run; later ones are forgotten.
@@ -55,19 +54,19 @@ impl FrameWriter {
                 ),
             });
         }
-        Self::begin(dir, parts, entries, frames)
+        Self::begin(dir, parts, &entries, frames)
     }
 
     fn begin(
         dir: &OutputDir,
         parts: &[&str],
-        entries: Vec<pvd::Entry>,
+        entries: &[pvd::Entry],
         next: u64,
     ) -> Result<Self, OutputError> {
         let folder = dir.frames();
         fs::create_dir_all(&folder).map_err(|e| OutputError::io(&folder, "make this folder", e))?;
-        let writer = Self { folder, collection: dir.frames_pvd(), parts: name_parts(parts), entries, next };
-        pvd::write(&writer.collection, &writer.entries)?;
+        let writer = Self { folder, collection: dir.frames_pvd(), parts: name_parts(parts), next };
+        pvd::write(&writer.collection, entries)?;
         Ok(writer)
     }
 
@@ -83,16 +82,7 @@ impl FrameWriter {
     /// [`OutputError::Columns`] for data that do not fit together or an index without a name,
     /// [`OutputError::Io`].
     pub fn write(&mut self, time: f64, shown: &[(usize, PolyData)]) -> Result<(), OutputError> {
-        let before = self.entries.len();
-        let done = self.write_parts(time, shown).and_then(|()| pvd::write(&self.collection, &self.entries));
-        match done {
-            Ok(()) => self.next += 1,
-            Err(_) => self.entries.truncate(before),
-        }
-        done
-    }
-
-    fn write_parts(&mut self, time: f64, shown: &[(usize, PolyData)]) -> Result<(), OutputError> {
+        let mut entries = Vec::with_capacity(shown.len());
         for (part, data) in shown {
             let Some(Part { name, stem }) = self.parts.get(*part) else {
                 let what = format!("part {part} of the frame at {time} s has no name");
@@ -100,9 +90,15 @@ impl FrameWriter {
             };
             let file = format!("{:06}_{stem}.vtp", self.next);
             data.write(&self.folder.join(&file), time)?;
-            let file = format!("frames/{file}");
-            self.entries.push(pvd::Entry { time, part: *part, name: name.clone(), file });
+            entries.push(pvd::Entry {
+                time,
+                part: *part,
+                name: name.clone(),
+                file: format!("frames/{file}"),
+            });
         }
+        pvd::extend(&self.collection, &entries)?;
+        self.next += 1;
         Ok(())
     }
 }

@@ -1,7 +1,8 @@
 //! ParaView's collection files (`.pvd`): which file shows which part at which time.
 
+use std::fs::{self, File};
+use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
-use std::{fs, io};
 
 use super::atomic::{OutputError, write_atomic};
 
@@ -18,27 +19,52 @@ pub struct Entry {
     pub file: String,
 }
 
+const HEAD: &str = "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\" \
+                    byte_order=\"LittleEndian\">\n  <Collection>\n";
+const TAIL: &str = "  </Collection>\n</VTKFile>\n";
+
 /// Writes a collection, whole or not at all.
 ///
 /// # Errors
 /// [`OutputError::Io`].
 pub fn write(path: &Path, entries: &[Entry]) -> Result<(), OutputError> {
     write_atomic(path, |out| {
-        out.write_all(
-            b"<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\" \
-              byte_order=\"LittleEndian\">\n  <Collection>\n",
-        )?;
-        for e in entries {
-            writeln!(
-                out,
-                "    <DataSet timestep=\"{:?}\" part=\"{}\" name=\"{}\" file=\"{}\"/>",
-                e.time,
-                e.part,
-                escape(&e.name),
-                escape(&e.file)
-            )?;
-        }
-        out.write_all(b"  </Collection>\n</VTKFile>\n")
+        out.write_all(HEAD.as_bytes())?;
+        lines(out, entries)?;
+        out.write_all(TAIL.as_bytes())
+    })
+}
+
+/// Adds files to a collection that [`write()`] made, whole or not at all. What it lists is copied from the disk, so a run
+/// need not hold it.
+///
+/// # Errors
+/// [`OutputError::Malformed`] if it is gone, [`OutputError::Io`].
+pub fn extend(path: &Path, entries: &[Entry]) -> Result<(), OutputError> {
+    let read = |e: io::Error| match e.kind() {
+        ErrorKind::NotFound => OutputError::Malformed {
+            path: path.to_owned(),
+            what:
+                "is gone, and with it the list of the frames before: put it back and go on with --resume, or \
+                   start again with --force"
+                    .to_owned(),
+        },
+        _ => OutputError::io(path, "read this collection of frames", e),
+    };
+    let file = File::open(path).map_err(read)?;
+    let listed = file.metadata().map_err(read)?.len().saturating_sub(TAIL.len() as u64);
+    write_atomic(path, |out| {
+        io::copy(&mut file.take(listed), out)?;
+        lines(out, entries)?;
+        out.write_all(TAIL.as_bytes())
+    })
+}
+
+fn lines(out: &mut dyn Write, entries: &[Entry]) -> io::Result<()> {
+    entries.iter().try_for_each(|e| {
+        let (name, file) = (escape(&e.name), escape(&e.file));
+        let Entry { time, part, .. } = e;
+        writeln!(out, "    <DataSet timestep=\"{time:?}\" part=\"{part}\" name=\"{name}\" file=\"{file}\"/>")
     })
 }
 

@@ -550,6 +550,13 @@ static OUTPUT: TableSpec = TableSpec {
         .or("\"1 min\"")
         .at_least(0.0)
         .at_most(1e9),
+        Field::new(
+            "checkpoint_history",
+            Kind::Bool,
+            "Whether checkpoints hold what contacts remember. Without it they are smaller, and a run that is continued \
+             ends with other bits.",
+        )
+        .or("true"),
     ],
     rules: &[],
 };

@@ -58,6 +58,8 @@ pub struct Scene {
     pub checkpoint: Option<f64>,
     /// Wall time between checkpoints \[s\].
     pub checkpoint_wall: f64,
+    /// Whether checkpoints hold what contacts remember.
+    pub checkpoint_history: bool,
     /// What looks wrong but does not stop a run.
     pub warnings: Vec<SceneError>,
     /// What was added without being asked for, for the log.
@@ -301,6 +303,7 @@ pub(crate) fn scene(file: &Record, checker: &mut Checker) -> Scene {
         },
         checkpoint: output.number_if("checkpoint"),
         checkpoint_wall: output.number("checkpoint_wall"),
+        checkpoint_history: output.flag("checkpoint_history"),
         warnings: Vec::new(),
         notes: Vec::new(),
         places: ScenePlaces {
