@@ -8,8 +8,7 @@ use glebe_physics::{Impact, Laws, PairCoefficients, PairOverride, PairProperties
 use crate::failure::SetupError;
 use crate::lattice::{Lattice, UNITS, add, cross, dot, mul, norm, scale, sub};
 use crate::spec::{
-    Action, Component, Motion, ParticleSet, Pose, Rotation, Shape, Side, Step, Surface, TriMesh, Vec3,
-    WorldSpec,
+    Action, Component, Motion, ParticleSet, Pose, Shape, Side, Step, Surface, TriMesh, Vec3, WorldSpec,
 };
 use crate::state::{MeasureState, Particles, Place, Progress, Spin, State, SurfaceState, Velocity};
 use crate::surface::{Bvh, Span, rotate, touch};
@@ -112,9 +111,9 @@ impl Constants {
         &self.pairs[a * self.spec.materials.len() + b]
     }
     /// The motion of surface `s` in stage `stage`.
-    pub fn motion(&self, s: usize, stage: usize) -> Motion {
+    pub fn motion(&self, s: usize, stage: usize) -> &Motion {
         let moves = self.spec.stages.get(stage).map_or(&[][..], |st| &st.moves);
-        moves.iter().find(|(k, _)| *k == s).map_or(self.spec.surfaces[s].motion, |(_, m)| *m)
+        moves.iter().find(|(k, _)| *k == s).map_or(&self.spec.surfaces[s].motion, |(_, m)| m)
     }
     /// A position moved by whole periods.
     pub fn shifted(&self, x: Vec3, shift: [i32; 3]) -> Vec3 {
@@ -332,6 +331,16 @@ fn check_references(spec: &WorldSpec) -> Result<(), SetupError> {
             }
         }
     }
+    let staged = spec.stages.iter().flat_map(|stage| &stage.moves);
+    let motions = spec.surfaces.iter().map(|s| &s.motion).enumerate();
+    for (s, motion) in motions.chain(staged.map(|(s, motion)| (*s, motion))) {
+        if motion.turns_twice() && s < surfaces {
+            return bad(format!(
+                "a motion of `{}` has a rotation and a table of poses that turns; put all turns into the table",
+                spec.surfaces[s].name
+            ));
+        }
+    }
     for stage in &spec.stages {
         let named = stage.moves.iter().map(|m| m.0).chain(stage.measures.iter().map(|m| m.surface));
         let acted = stage.actions.iter().filter_map(|a| match a {
@@ -419,17 +428,18 @@ fn check_periodic(c: &Constants) -> Result<(), SetupError> {
         }
         // A turn about the normal leaves the plane where it is, one about the axis leaves it parallel to that; of
         // both kinds together neither holds.
-        let own = motion.rotation.map(|r| (r, String::new()));
+        let own = motion.turns().map(|(axis, _)| (axis, None));
         let staged = spec.stages.iter().flat_map(|stage| {
             let moves = stage.moves.iter().filter(move |m| m.0 == s);
-            moves.filter_map(|m| Some((m.1.rotation?, format!(" in the stage `{}`", stage.name))))
+            moves.flat_map(|m| m.1.turns().map(|(axis, _)| (axis, Some(&stage.name))))
         });
-        let turns: Vec<_> = own.into_iter().chain(staged).filter(|(r, _)| r.rate != 0.0).collect();
-        let about = |x: Vec3, r: &Rotation| norm(cross(x, r.axis)) <= PARALLEL;
-        if turns.iter().all(|(r, _)| about(normal, r)) {
+        let turns: Vec<_> = own.chain(staged).collect();
+        let about = |x: Vec3, axis: Vec3| norm(cross(x, axis)) <= PARALLEL;
+        if turns.iter().all(|(axis, _)| about(normal, *axis)) {
             continue;
         }
-        if let Some((_, stage)) = turns.iter().find(|(r, _)| !about(vector, r)) {
+        if let Some((_, stage)) = turns.iter().find(|(axis, _)| !about(vector, *axis)) {
+            let stage = stage.map_or_else(String::new, |name| format!(" in the stage `{name}`"));
             return bad(format!(
                 "the rotation of the plane `{name}`{stage} turns it out of the periodic axis {axis}: {instead}, or \
                  rotate the plane about {axis} or about its normal only"
@@ -596,8 +606,8 @@ fn speed_estimate(spec: &WorldSpec, set: &ParticleSet) -> f64 {
         .surfaces
         .iter()
         .enumerate()
-        .map(|(i, s)| (i, s.motion))
-        .chain(spec.stages.iter().flat_map(|st| st.moves.iter().copied()));
+        .map(|(i, s)| (i, &s.motion))
+        .chain(spec.stages.iter().flat_map(|st| st.moves.iter().map(|(i, m)| (*i, m))));
     let mut tools = 0.0_f64;
     for (i, m) in motions {
         let mut v = norm(m.velocity);
@@ -611,6 +621,13 @@ fn speed_estimate(spec: &WorldSpec, set: &ParticleSet) -> f64 {
                 norm(cross(r.axis, arm))
             });
             v += r.rate.abs() * reach.fold(0.0, f64::max);
+        }
+        if let Some(poses) = &m.poses {
+            v += poses.speed();
+            if let Shape::Mesh(mesh) = &spec.surfaces[i].shape {
+                let reach = mesh.vertices.iter().map(|x| norm(*x)).fold(0.0, f64::max);
+                v += reach * poses.turns().map(|(_, rate)| rate).fold(0.0, f64::max);
+            }
         }
         tools = tools.max(v);
     }

@@ -5,6 +5,7 @@
 
 use std::sync::Arc;
 
+use crate::poses::PoseTable;
 use glebe_physics::{ContactModel, IntegratorKind, Material, Mixing, PairOverride, ShearModulusRule};
 
 /// A vector in SI units.
@@ -255,7 +256,7 @@ impl Default for Pose {
 }
 
 /// A prescribed motion since the beginning of a stage: the sum of its parts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Motion {
     /// Constant velocity \[m/s\].
     pub velocity: Vec3,
@@ -263,10 +264,12 @@ pub struct Motion {
     pub rotation: Option<Rotation>,
     /// Oscillating translation.
     pub oscillation: Option<Oscillation>,
+    /// Path and turn by a table. A table that turns goes without `rotation`.
+    pub poses: Option<Arc<PoseTable>>,
 }
 
 /// Steady rotation about an axis.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rotation {
     /// Unit vector of the axis.
     pub axis: Vec3,
@@ -277,7 +280,7 @@ pub struct Rotation {
 }
 
 /// `x(t) = amplitude · sin(2π f t + phase) - amplitude · sin(phase)`.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Oscillation {
     /// Direction times amplitude \[m\].
     pub amplitude: Vec3,

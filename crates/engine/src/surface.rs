@@ -32,7 +32,8 @@ pub fn quaternion(axis: Vec3, angle: f64) -> [f64; 4] {
     [c, s * axis[0], s * axis[1], s * axis[2]]
 }
 
-fn compose(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+/// The turn `b`, then `a`.
+pub fn compose(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
     [
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
         a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
@@ -78,13 +79,32 @@ impl Motion {
             spin = scale(r.axis, r.rate);
             velocity = add(velocity, cross(spin, arm));
         }
+        if let Some(poses) = &self.poses {
+            // Only one of both turns, so the order does not matter.
+            let away = poses.at(t);
+            moved = add(moved, away.pose.translation);
+            velocity = add(velocity, away.velocity);
+            pose.rotation = compose(away.pose.rotation, pose.rotation);
+            spin = add(spin, away.spin);
+        }
         pose.translation = add(pose.translation, moved);
         Placed { pose, velocity, spin }
     }
 
-    /// Whether the surface turns.
-    pub fn turns(&self) -> bool {
-        self.rotation.is_some_and(|r| r.rate != 0.0)
+    /// The unit vectors of the axes about which it turns, with the rates \[rad/s\].
+    pub fn turns(&self) -> impl Iterator<Item = (Vec3, f64)> {
+        let steady = self.rotation.filter(|r| r.rate != 0.0).map(|r| (r.axis, r.rate));
+        steady.into_iter().chain(self.poses.iter().flat_map(|poses| poses.turns()))
+    }
+
+    /// Whether its rotation and its table both turn, which is no sum.
+    pub fn turns_twice(&self) -> bool {
+        self.rotation.is_some() && self.poses.iter().any(|poses| poses.turns().next().is_some())
+    }
+
+    /// Where it leads on the whole: its velocity without oscillation, a table's from end to end \[m/s\].
+    pub fn heading(&self) -> Vec3 {
+        self.poses.iter().fold(self.velocity, |v, poses| add(v, poses.mean_velocity()))
     }
 }
 

@@ -5,10 +5,13 @@ mod input;
 pub mod mesh;
 pub mod output;
 pub mod particles;
+pub mod poses;
 pub mod scene;
+mod sheet;
 pub mod study;
 pub mod tool;
 pub mod units;
 mod vtk;
 
 pub use input::free_memory;
+pub use sheet::SheetError;

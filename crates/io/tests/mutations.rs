@@ -13,8 +13,8 @@ use glebe_engine::batch::{Batch, Blind};
 use glebe_engine::state::State;
 use glebe_io::checkpoint::{self, Header};
 use glebe_io::mesh::{self, Transform};
-use glebe_io::particles;
 use glebe_io::scene::Scene;
+use glebe_io::{particles, poses};
 use sha2::{Digest, Sha256};
 
 /// Files made of each seed, if `GLEBE_MUTATIONS` does not say how many.
@@ -167,6 +167,11 @@ fn particle_files() {
     for folder in ["csv", "vtk"] {
         torment(folder, &seeds(folder), |bytes| particles::parse(Path::new("a"), bytes).is_ok());
     }
+}
+
+#[test]
+fn pose_tables() {
+    torment("poses", &seeds("poses"), |bytes| poses::parse(Path::new("a"), bytes).is_ok());
 }
 
 /// The bytes of a small state, with contacts that remember something.

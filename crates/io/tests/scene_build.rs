@@ -4,6 +4,7 @@
 
 mod scene_common;
 
+use std::f64::consts::FRAC_PI_2;
 use std::fs;
 use std::path::PathBuf;
 
@@ -236,4 +237,31 @@ fn a_tool_that_cannot_be_made_is_told() {
     let error = Folder::new("tool").only_error(&text);
     assert_eq!((error.kind(), error.place().text()), ("shape", "{ width = \"30 m\" }"));
     assert!(error.message().contains("width = 30 m is not allowed"), "{error}");
+}
+
+#[test]
+fn a_motion_comes_from_a_table() {
+    let folder = with_sweep(Folder::new("poses"))
+        .file("path.csv", "time [ms],x [mm],y,z\n0,0,0,0\n100,70,0,0\n")
+        .file("turn.csv", "time,x,y,z,rz [deg]\n0,0,0,0,0\n")
+        .file("swing.csv", "time,x,y,z,rx,ry,rz [deg]\n0,0,0,0,0,0,0\n1,0,0,0,0,0,90\n");
+    let few = EXAMPLE.replace("count = 38912", "count = 10");
+    let moved = |motion: &str| few.replace("velocity = [0.7, 0, 0]", motion);
+    let world = folder.build(&moved("poses = \"path.csv\"")).unwrap().world;
+    let motion = &world.stages[2].moves[0].1;
+    let at = motion.at(&world.surfaces[0].pose, 0.05);
+    assert!((at.pose.translation[0] - (-0.62 + 0.035)).abs() < 1e-12 && at.pose.translation[2] == 0.15);
+    assert!((at.velocity[0] - 0.7).abs() < 1e-12, "{at:?}");
+    // Sums with the other parts, but for a second rotation.
+    let both = "poses = \"path.csv\", rotation = { axis = \"y\", rate = 1 }";
+    assert!(folder.build(&moved(both)).is_ok());
+    let error = folder.only_error(&moved("poses = \"swing.csv\", rotation = { axis = \"y\", rate = 1 }"));
+    assert_eq!((error.kind(), error.place().text()), ("conflict", "\"swing.csv\""));
+    let error = folder.only_error(&moved("poses = \"turn.csv\""));
+    assert_eq!((error.kind(), error.place().text()), ("file", "\"turn.csv\""));
+    assert!(error.message().contains("turn.csv`, line 1: no column `rx` among"), "{error}");
+    // Of the surface itself.
+    let own = few.replace("[geometry.sweep]", "[geometry.sweep]\nmotion.poses = \"swing.csv\"");
+    let world = folder.build(&own).unwrap().world;
+    assert!((world.surfaces[0].motion.poses.as_ref().unwrap().at(0.5).spin[2] - FRAC_PI_2).abs() < 1e-12);
 }

@@ -20,6 +20,7 @@ mod laws;
 mod leaving;
 mod packing;
 mod periodic;
+mod poses;
 mod precision;
 mod reach;
 mod restitution;
@@ -63,6 +64,8 @@ macro_rules! backend_suite {
                 leaving::trimmed_particles_take_their_springs_along,
                 periodic::a_blade_is_felt_however_far_it_goes,
                 periodic::the_ledger_closes_through_seams,
+                poses::a_table_of_a_steady_motion_is_that_motion,
+                poses::a_table_of_an_oscillation_follows_it,
                 precision::creep_is_not_lost,
                 precision::resting_overlap,
                 precision::a_packing_at_50_pa_stays_at_rest,

@@ -421,6 +421,15 @@ static MOTION: TableSpec = TableSpec {
             .usual(-100.0, 100.0),
         Field::new("rotation", Kind::Table(&ROTATION), "Steady rotation.").optional("none"),
         Field::new("oscillation", Kind::Table(&OSCILLATION), "Oscillating translation.").optional("none"),
+        Field::new(
+            "poses",
+            Kind::Path,
+            "CSV file with a header naming time [s], x, y, z [m] and, if it turns, qw, qx, qy, qz or the rotation vector \
+             rx, ry, rz [rad], each with a unit if need be, such as `x [mm]`. Time counts from the beginning of the \
+             motion; the surface goes and turns about its origin as the rows do, seen from the first row, straight \
+             and evenly between rows; it rests before the first and after the last.",
+        )
+        .optional("none"),
     ],
     rules: &[],
 };

@@ -149,7 +149,7 @@ pub struct GeometryPart {
     /// Shift after turning \[m\].
     pub translate: Vec3,
     /// How it moves in stages that do not say otherwise.
-    pub motion: Motion,
+    pub motion: MotionPart,
 }
 
 /// The shape of a tool or wall.
@@ -219,11 +219,13 @@ pub struct StagePart {
     pub measures: Vec<MeasurePart>,
 }
 
-/// A motion whose rotation may leave its centre to the surface.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A motion whose rotation may leave its centre to the surface, and whose table is in a file.
+#[derive(Clone, Debug, Default)]
 pub struct MotionPart {
-    /// The motion.
+    /// The motion, without its table.
     pub motion: Motion,
+    /// The table of poses, relative to the scene.
+    pub poses: Option<Located<PathBuf>>,
     /// Whether the rotation's centre is the surface's origin instead of the one in `motion`.
     pub about_origin: bool,
 }
@@ -571,12 +573,6 @@ fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> G
         _ => GeometryShape::File(PathBuf::from(record.text("file"))),
     };
     let translate = record.vector("translate");
-    let mut motion = record.table("motion").map(motion);
-    if let Some(MotionPart { motion: Motion { rotation: Some(rotation), .. }, about_origin: true }) =
-        &mut motion
-    {
-        rotation.center = translate;
-    }
     GeometryPart {
         name: name.clone(),
         material: record.text("material"),
@@ -584,7 +580,7 @@ fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> G
         scale: scale.map(|factor| factor * unit),
         rotate: record.list("rotate").iter().map(|t| (t.vector("axis"), t.number("angle"))).collect(),
         translate,
-        motion: motion.map(|m| m.motion).unwrap_or_default(),
+        motion: record.table("motion").map(motion).unwrap_or_default(),
     }
 }
 
@@ -621,7 +617,9 @@ fn motion(t: &Record) -> MotionPart {
         frequency: o.number("frequency"),
         phase: o.number("phase"),
     });
-    MotionPart { motion: Motion { velocity: t.vector("velocity"), rotation, oscillation }, about_origin }
+    let motion = Motion { velocity: t.vector("velocity"), rotation, oscillation, poses: None };
+    let poses = t.located_if("poses").map(|p| Located { value: PathBuf::from(p.value), place: p.place });
+    MotionPart { motion, poses, about_origin }
 }
 
 fn stages(file: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> Vec<StagePart> {
@@ -699,9 +697,11 @@ fn measured_surface_moves(
     geometry: &[GeometryPart],
     checker: &mut Checker,
 ) {
-    let own = geometry.iter().find(|g| g.name.value == measure.surface).map(|g| g.motion);
-    let moved = stage.moves.iter().find(|(name, _)| *name == measure.surface).map(|(_, m)| m.motion);
-    let moves = moved.or(own).is_none_or(|m| m.velocity != [0.0; 3] || m.oscillation.is_some());
+    let own = geometry.iter().find(|g| g.name.value == measure.surface).map(|g| &g.motion);
+    let moved = stage.moves.iter().find(|(name, _)| *name == measure.surface).map(|(_, m)| m);
+    let moves = moved
+        .or(own)
+        .is_none_or(|m| m.motion.velocity != [0.0; 3] || m.motion.oscillation.is_some() || m.poses.is_some());
     let needs = matches!(measure.window, Window::Displacement(..)) || measure.component == Component::Draught;
     if needs && !moves {
         let key = if measure.component == Component::Draught { "of" } else { "over_displacement" };
