@@ -4,6 +4,7 @@
 
 pub mod backend;
 pub mod batch;
+pub mod frustum;
 pub mod generate;
 pub mod lattice;
 pub mod poses;

@@ -8,7 +8,8 @@ use glebe_physics::{Impact, Laws, PairCoefficients, PairOverride, PairProperties
 use crate::failure::SetupError;
 use crate::lattice::{Lattice, UNITS, add, cross, dot, mul, norm, scale, sub};
 use crate::spec::{
-    Action, Component, Motion, ParticleSet, Pose, Shape, Side, Step, Surface, TriMesh, Vec3, WorldSpec,
+    Action, Component, Frustum, Motion, ParticleSet, Pose, Shape, Side, Step, Surface, TriMesh, Vec3,
+    WorldSpec,
 };
 use crate::state::{MeasureState, Particles, Place, Progress, Spin, State, SurfaceState, Velocity};
 use crate::surface::{Bvh, Span, rotate, touch};
@@ -61,6 +62,28 @@ pub enum BoundaryShape {
     Plane(Vec3),
     /// A mesh with its hierarchy.
     Mesh(Arc<TriMesh>, Bvh),
+    /// A cylinder or a cone.
+    Frustum(Frustum),
+}
+
+impl BoundaryShape {
+    /// The corners of a box around it in its frame; `None` for a plane and for a mesh without triangles.
+    pub fn corners(&self) -> Option<[Vec3; 8]> {
+        match self {
+            Self::Plane(_) => None,
+            Self::Mesh(_, bvh) => bvh.corners(),
+            Self::Frustum(frustum) => Some(frustum.corners()),
+        }
+    }
+
+    /// The triangles that frames show of it; 1 for a plane.
+    pub fn triangles(&self) -> usize {
+        match self {
+            Self::Plane(_) => 1,
+            Self::Mesh(mesh, _) => mesh.triangles.len(),
+            Self::Frustum(frustum) => frustum.triangles(),
+        }
+    }
 }
 
 /// What limits the time step.
@@ -323,6 +346,11 @@ fn check_references(spec: &WorldSpec) -> Result<(), SetupError> {
         if s.material >= materials || pose.into_iter().any(|x| !x.is_finite()) {
             return bad(format!("the surface `{}` has no such material, or no finite pose", s.name));
         }
+        if let Shape::Frustum(frustum) = &s.shape
+            && let Some(fault) = frustum.fault()
+        {
+            return bad(format!("the cylinder or cone `{}` has {fault}", s.name));
+        }
         if let Shape::Mesh(mesh) = &s.shape {
             let count = mesh.vertices.len();
             let inside = mesh.triangles.iter().flatten().all(|v| (*v as usize) < count);
@@ -407,11 +435,11 @@ fn check_periodic(c: &Constants) -> Result<(), SetupError> {
         let axis = AXES[k];
         let normal = match &c.boundaries[s].shape {
             BoundaryShape::Plane(normal) => rotate(pose.rotation, *normal),
-            BoundaryShape::Mesh(_, bvh) => {
-                let periods = Span::new(c, bvh, pose).map_or(0.0, |span| span.periods(k));
+            shape => {
+                let periods = Span::new(c, shape, pose).map_or(0.0, |span| span.periods(k));
                 if periods > PERIODS_MAX {
                     return bad(format!(
-                        "the mesh `{name}` is {periods:.0} periods long along the periodic axis {axis}, more than \
+                        "the surface `{name}` is {periods:.0} periods long along the periodic axis {axis}, more than \
                          {PERIODS_MAX}; it repeats with the cell, so cut it to one period, or check its unit"
                     ));
                 }
@@ -456,8 +484,7 @@ fn check_start(c: &Constants, set: &ParticleSet) -> Result<Vec<String>, SetupErr
     let mut warnings = Vec::new();
     let mut near = Vec::new();
     for b in &c.boundaries {
-        let BoundaryShape::Mesh(mesh, bvh) = &b.shape else { continue };
-        let Some(span) = Span::new(c, bvh, &b.pose) else { continue };
+        let Some(span) = Span::new(c, &b.shape, &b.pose) else { continue };
         if b.surface.is_some_and(|s| c.spec.surfaces[s].absent) {
             continue;
         }
@@ -466,12 +493,20 @@ fn check_start(c: &Constants, set: &ParticleSet) -> Result<Vec<String>, SetupErr
             let reach = (1.0 - guards.overlap_limit).max(0.0) * r;
             let touches = |shift: [i32; 3]| {
                 let x = b.pose.inverse(c.shifted(at, shift));
-                near.clear();
-                bvh.near(x, reach, &mut near);
-                near.iter().any(|&t| {
-                    let vertices = mesh.triangles[t as usize].map(|v| sub(mesh.vertices[v as usize], x));
-                    touch(vertices, t, shift, reach).is_some()
-                })
+                match &b.shape {
+                    BoundaryShape::Plane(_) => false,
+                    BoundaryShape::Mesh(mesh, bvh) => {
+                        near.clear();
+                        bvh.near(x, reach, &mut near);
+                        near.iter().any(|&t| {
+                            let corners = mesh.triangles[t as usize];
+                            let vertices = corners.map(|v| sub(mesh.vertices[v as usize], x));
+                            touch(vertices, t, shift, reach).is_some()
+                        })
+                    }
+                    BoundaryShape::Frustum(frustum) => (0..frustum.parts())
+                        .any(|part| frustum.touch(frustum.axis, x, part, shift, reach).is_some()),
+                }
             };
             if !span.images(c, at, reach).any(touches) {
                 continue;
@@ -490,14 +525,26 @@ fn check_start(c: &Constants, set: &ParticleSet) -> Result<Vec<String>, SetupErr
         if inside > 0 {
             warnings.push(format!("{inside} particles start inside the surface `{}`", b.name));
         }
-        if !mesh.is_closed() {
+        let closed = match &b.shape {
+            BoundaryShape::Plane(_) => false,
+            BoundaryShape::Mesh(mesh, _) => mesh.is_closed(),
+            BoundaryShape::Frustum(frustum) => frustum.closed,
+        };
+        if !closed {
             continue;
         }
         // A drum has all of its particles inside, a tool has none: some of them are worth a word, and no more, as
         // a vessel may stand in a bed.
         let enclosed = |at: &&Vec3| {
             let mut images = span.images(c, **at, 0.0);
-            images.any(|shift| bvh.encloses(mesh, b.pose.inverse(c.shifted(**at, shift))))
+            images.any(|shift| {
+                let x = b.pose.inverse(c.shifted(**at, shift));
+                match &b.shape {
+                    BoundaryShape::Plane(_) => false,
+                    BoundaryShape::Mesh(mesh, bvh) => bvh.encloses(mesh, x),
+                    BoundaryShape::Frustum(frustum) => frustum.encloses(x),
+                }
+            })
         };
         let enclosed = set.position.iter().filter(enclosed).count();
         if enclosed > 0 && enclosed < set.len() {
@@ -519,6 +566,7 @@ fn boundaries(spec: &WorldSpec) -> Result<Vec<Boundary>, SetupError> {
         let shape = match &s.shape {
             Shape::Plane { normal } => BoundaryShape::Plane(*normal),
             Shape::Mesh(mesh) => BoundaryShape::Mesh(mesh.clone(), Bvh::new(mesh)),
+            Shape::Frustum(frustum) => BoundaryShape::Frustum(*frustum),
         };
         all.push(Boundary {
             name: s.name.clone(),
@@ -614,20 +662,23 @@ fn speed_estimate(spec: &WorldSpec, set: &ParticleSet) -> f64 {
         if let Some(o) = m.oscillation {
             v += norm(o.amplitude) * std::f64::consts::TAU * o.frequency;
         }
-        if let (Some(r), Shape::Mesh(mesh)) = (m.rotation, &spec.surfaces[i].shape) {
+        // Points of the surface, and how far it reaches around them.
+        let points: Vec<(Vec3, f64)> = match &spec.surfaces[i].shape {
+            Shape::Plane { .. } => Vec::new(),
+            Shape::Mesh(mesh) => mesh.vertices.iter().map(|x| (*x, 0.0)).collect(),
+            Shape::Frustum(frustum) => frustum.rims().to_vec(),
+        };
+        if let Some(r) = m.rotation {
             let pose = &spec.surfaces[i].pose;
-            let reach = mesh.vertices.iter().map(|x| {
+            let reach = points.iter().map(|(x, around)| {
                 let arm = sub(pose.apply(*x), r.center);
-                norm(cross(r.axis, arm))
+                norm(cross(r.axis, arm)) + around
             });
             v += r.rate.abs() * reach.fold(0.0, f64::max);
         }
         if let Some(poses) = &m.poses {
-            v += poses.speed();
-            if let Shape::Mesh(mesh) = &spec.surfaces[i].shape {
-                let reach = mesh.vertices.iter().map(|x| norm(*x)).fold(0.0, f64::max);
-                v += reach * poses.turns().map(|(_, rate)| rate).fold(0.0, f64::max);
-            }
+            let reach = points.iter().map(|(x, around)| norm(*x) + around).fold(0.0, f64::max);
+            v += poses.speed() + reach * poses.turns().map(|(_, rate)| rate).fold(0.0, f64::max);
         }
         tools = tools.max(v);
     }

@@ -229,6 +229,21 @@ pub enum Shape {
     },
     /// A triangle mesh; both sides act.
     Mesh(Arc<TriMesh>),
+    /// A cylinder or a cone, exactly; both sides act.
+    Frustum(Frustum),
+}
+
+/// A shell of revolution with straight sides about an axis through the frame's origin, cut off at both ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frustum {
+    /// Unit vector of the axis.
+    pub axis: Vec3,
+    /// Where it begins and ends along the axis \[m\], ascending.
+    pub ends: [f64; 2],
+    /// Radius at both ends \[m\], > 0.
+    pub radii: [f64; 2],
+    /// Whether discs close the ends.
+    pub closed: bool,
 }
 
 /// An indexed triangle mesh, without degenerate triangles.

@@ -4,7 +4,7 @@ use glebe_physics::kernel64::triangle::{closest_to_origin, foot_of_plane};
 use glebe_physics::kernel64::vector::V3;
 
 use crate::lattice::{add, cross, dot, norm, scale, sub};
-use crate::setup::Constants;
+use crate::setup::{BoundaryShape, Constants};
 use crate::spec::{Motion, Pose, TriMesh, Vec3};
 
 impl Pose {
@@ -266,7 +266,7 @@ fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
     })
 }
 
-/// The box around a mesh as it stands, in periods of the cell along axes that wrap.
+/// The box around a surface that is no plane as it stands, in periods of the cell along axes that wrap.
 #[derive(Clone, Copy, Debug)]
 pub struct Span {
     min: Vec3,
@@ -274,10 +274,10 @@ pub struct Span {
 }
 
 impl Span {
-    /// The box around the mesh of `bvh` in `pose`; `None` for a mesh without triangles.
-    pub fn new(c: &Constants, bvh: &Bvh, pose: &Pose) -> Option<Self> {
+    /// The box around a shape in `pose`; `None` for a plane and for a mesh without triangles.
+    pub fn new(c: &Constants, shape: &BoundaryShape, pose: &Pose) -> Option<Self> {
         let mut span = Self { min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3] };
-        for x in bvh.corners()? {
+        for x in shape.corners()? {
             let at = c.periods(sub(pose.apply(x), c.lattice.origin));
             for k in 0..3 {
                 span.min[k] = span.min[k].min(at[k]);
@@ -327,7 +327,7 @@ pub struct SurfacePoint {
     pub n: Vec3,
     /// Distance from the centre \[m\].
     pub distance: f64,
-    /// Triangle, 0 for a plane.
+    /// Triangle, or part of a shell of revolution; 0 for a plane.
     pub triangle: u32,
     /// Image of the sphere that touches, in periods along each axis.
     pub shift: [i32; 3],
@@ -342,6 +342,14 @@ impl SurfacePoint {
         let into = scale(normal, -height.signum());
         let at = Self { n: into, distance: height.abs(), triangle: 0, shift: [0; 3], rank: 0 };
         (height.abs() < reach).then_some(at)
+    }
+}
+
+impl SurfacePoint {
+    /// Where a sphere touches a part of a shell of revolution: unit vector into the surface and distance from the
+    /// centre \[m\], 0 for a face and 1 for a rim.
+    pub fn of_part(n: Vec3, distance: f64, part: u32, shift: [i32; 3], rank: u8) -> Self {
+        Self { n, distance, triangle: part, shift, rank }
     }
 }
 

@@ -9,7 +9,7 @@ use glebe_engine::SetupError;
 use glebe_engine::backend::BYTES_PER_PARTICLE;
 use glebe_engine::generate::{FillRequest, Region, SizeDistribution, generate, solid_volume, worst_overlap};
 use glebe_engine::spec::{
-    Action, Domain, Measure, Motion, ParticleSet, Pose, Shape, Side, Stage, Surface, Vec3, WorldSpec,
+    Action, Domain, Frustum, Measure, Motion, ParticleSet, Pose, Shape, Side, Stage, Surface, Vec3, WorldSpec,
 };
 use glebe_physics::Material;
 
@@ -188,6 +188,10 @@ impl Build<'_> {
             GeometryShape::Plane { point, normal } => {
                 pose.translation = [0, 1, 2].map(|k| point[k] + part.translate[k]);
                 return Some(self.placed(part, pose, Shape::Plane { normal: *normal }));
+            }
+            GeometryShape::Round(frustum) => {
+                self.notes.push(round_note(&part.name.value, frustum, &pose));
+                return Some(self.placed(part, pose, Shape::Frustum(*frustum)));
             }
             GeometryShape::File(path) => {
                 let transform = Transform { scale: part.scale, ..Transform::default() };
@@ -525,6 +529,19 @@ impl Build<'_> {
             .help(help);
         self.found.push(if guards.overlap_stops { error } else { error.warning() });
     }
+}
+
+/// What `check` says of a cylinder or a cone: its radii, and where its ends are.
+fn round_note(name: &str, frustum: &Frustum, pose: &Pose) -> String {
+    let [(from, start), (to, end)] = frustum.rims();
+    let place = |x: Vec3| place_point(pose, x).map(|c| format!("{c:.4}")).join(", ");
+    let kind = if start == end {
+        format!("cylinder of radius {start} m")
+    } else {
+        format!("cone of radius {start} m to {end} m")
+    };
+    let closed = if frustum.closed { "closed" } else { "open" };
+    format!("geometry `{name}`: {kind}, {closed}, from ({}) to ({}) m", place(from), place(to))
 }
 
 /// A radius whose volume many spheres exceed on average \[m\]: the least of the distribution, or of one with

@@ -297,7 +297,12 @@ static GEOMETRY: TableSpec = TableSpec {
             .optional("another shape"),
         Field::new("plane", Kind::Table(&PLANE), "An unbounded plane.").optional("another shape"),
         Field::new("sweep", Kind::Table(&SWEEP), "A cultivator sweep.").optional("another shape"),
-        Field::new("drum", Kind::Table(&DRUM), "A cylinder centred at the origin.").optional("another shape"),
+        Field::new("drum", Kind::Table(&DRUM), "A cylinder of flat pieces centred at the origin.")
+            .optional("another shape"),
+        Field::new("cylinder", Kind::Table(&CYLINDER), "An exactly round cylinder centred at the origin.")
+            .optional("another shape"),
+        Field::new("cone", Kind::Table(&CONE), "An exactly round cone, cut off, that begins at the origin.")
+            .optional("another shape"),
         Field::new("hopper", Kind::Table(&HOPPER), "A funnel about z, its outlet at z = 0.")
             .optional("another shape"),
         Field::new(
@@ -315,6 +320,8 @@ static GEOMETRY: TableSpec = TableSpec {
     rules: &[
         Rule::ExactlyOne(SHAPES),
         Rule::Excludes("plane", &["scale", "rotate"]),
+        Rule::Excludes("cylinder", &["scale"]),
+        Rule::Excludes("cone", &["scale"]),
         Rule::Needs("unit", &["file"]),
     ],
 };
@@ -323,7 +330,7 @@ static GEOMETRY: TableSpec = TableSpec {
 const FILE_UNITS: &[&str] = &["m", "cm", "mm", "um", "km", "in", "ft"];
 
 /// The keys of a geometry that give its shape.
-pub(crate) const SHAPES: &[&str] = &["file", "box", "plane", "sweep", "drum", "hopper"];
+pub(crate) const SHAPES: &[&str] = &["file", "box", "plane", "sweep", "drum", "cylinder", "cone", "hopper"];
 
 static PLANE: TableSpec = TableSpec {
     doc: "An unbounded plane.",
@@ -389,6 +396,29 @@ static DRUM: TableSpec = TableSpec {
         Field::new("axis", Kind::Direction, "Its axis.").or("\"y\""),
         Field::new("segments", Kind::Integer, "Flat pieces around.").or("72").at_least(3.0).at_most(1e5),
         Field::new("ends", Kind::Bool, "Whether its ends are closed.").or("true"),
+    ],
+    rules: &[],
+};
+
+static CYLINDER: TableSpec = TableSpec {
+    doc: "An exactly round cylinder shell centred at the origin: both its sides act, and discs at its ends if they are closed.",
+    fields: &[
+        Field::new("radius", LENGTH, "Radius [m].").above(0.0),
+        Field::new("length", LENGTH, "Length along the axis [m].").above(0.0),
+        Field::new("axis", Kind::Direction, "Its axis.").or("\"y\""),
+        Field::new("ends", Kind::Bool, "Whether discs close its ends.").or("false"),
+    ],
+    rules: &[],
+};
+
+static CONE: TableSpec = TableSpec {
+    doc: "An exactly round shell whose radius changes evenly along its axis, from the origin on: both its sides act, and discs at its ends if they are closed.",
+    fields: &[
+        Field::new("start_radius", LENGTH, "Radius at the origin [m].").above(0.0),
+        Field::new("end_radius", LENGTH, "Radius at the other end [m].").above(0.0),
+        Field::new("length", LENGTH, "Length along the axis [m].").above(0.0),
+        Field::new("axis", Kind::Direction, "Its axis, from the origin to the other end.").or("\"z\""),
+        Field::new("ends", Kind::Bool, "Whether discs close its ends.").or("false"),
     ],
     rules: &[],
 };

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use glebe_engine::generate::SizeDistribution;
 use glebe_engine::spec::{
-    Component, Guards, Motion, Oscillation, Rotation, Sampling, Side, Step, Time, Until, Vec3, Window,
+    Component, Frustum, Guards, Motion, Oscillation, Rotation, Sampling, Side, Step, Time, Until, Vec3,
+    Window,
 };
 use glebe_physics::{ContactModel, Material, Mixing, PairOverride, ShearModulusRule};
 
@@ -187,6 +188,8 @@ pub enum GeometryShape {
         /// Whether its ends are closed.
         ends: bool,
     },
+    /// An exactly round cylinder or cone.
+    Round(Frustum),
     /// A funnel about z with its outlet at z = 0.
     Hopper {
         /// Radius at z = 0 \[m\].
@@ -564,6 +567,18 @@ fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> G
             segments: count(t),
             ends: t.flag("ends"),
         },
+        ("cylinder", Some(t)) => GeometryShape::Round(Frustum {
+            axis: t.vector("axis"),
+            ends: [-0.5 * t.number("length"), 0.5 * t.number("length")],
+            radii: [t.number("radius"); 2],
+            closed: t.flag("ends"),
+        }),
+        ("cone", Some(t)) => GeometryShape::Round(Frustum {
+            axis: t.vector("axis"),
+            ends: [0.0, t.number("length")],
+            radii: [t.number("start_radius"), t.number("end_radius")],
+            closed: t.flag("ends"),
+        }),
         ("hopper", Some(t)) => GeometryShape::Hopper {
             outlet_radius: t.number("outlet_radius"),
             top_radius: t.number("top_radius"),
