@@ -125,6 +125,11 @@ fn cases() -> Vec<Case> {
             "p.vtu",
             vtu("0 0 0.1 0.05 0 0.1", "").replace("\"Radius\"", "\"size\""),
         ),
+        Case::particles(
+            "a PLY file of particles without a radius",
+            "p.ply",
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n",
+        ),
         Case { files: Vec::new(), ..Case::particles("particles that are not there", "nowhere.csv", "") },
         Case { files: Vec::new(), ..Case::mesh("a mesh that is not there", "nowhere.stl", "") },
         Case::mesh("a mesh of an unknown format", "tool.step", "ISO-10303-21;"),

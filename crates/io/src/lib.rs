@@ -5,6 +5,7 @@ mod input;
 pub mod mesh;
 pub mod output;
 pub mod particles;
+mod ply;
 pub mod poses;
 pub mod scene;
 mod sheet;

@@ -164,7 +164,7 @@ fn meshes() {
 
 #[test]
 fn particle_files() {
-    for folder in ["csv", "vtk"] {
+    for folder in ["csv", "vtk", "ply-particles"] {
         torment(folder, &seeds(folder), |bytes| particles::parse(Path::new("a"), bytes).is_ok());
     }
 }

@@ -1,7 +1,8 @@
-//! Particles from files: CSV as GPUDEM, ParaView and people write it, and VTK's XML formats as GPUDEM, ParaView and
-//! glebe itself write them.
+//! Particles from files: CSV as GPUDEM, ParaView and people write it, VTK's XML formats as GPUDEM, ParaView and glebe
+//! itself write them, and PLY.
 
 mod csv;
+mod ply;
 
 use std::{
     collections::BTreeMap,
@@ -70,6 +71,14 @@ pub enum ParticleError {
         path: PathBuf,
         /// What is wrong with it.
         fault: SheetError,
+    },
+    /// A PLY file that cannot be read.
+    #[error("particle file `{}`{what}", path.display())]
+    Ply {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
     },
     /// A VTK file that cannot be read.
     #[error("particle file `{}`, line {line}: {what}", path.display())]
@@ -166,6 +175,10 @@ fn listed(names: &[String]) -> String {
 /// zlib): points \[m\] and their arrays `radius` \[m\], which is needed, `velocity` \[m/s\], `angular_velocity`
 /// \[rad/s\] and `material`, the scene's materials counted from 0.
 ///
+/// Files that begin with a line `ply` are taken for PLY, as text or binary: the element `vertex` with the properties
+/// `x`, `y`, `z` \[m\], `radius` \[m\] (or `r`), and optionally `vx`, `vy`, `vz` \[m/s\], `wx`, `wy`, `wz` \[rad/s\] and
+/// `material`, the scene's materials counted from 0.
+///
 /// All others are taken for CSV. The first line names the columns, in any order and case: `x`, `y`, `z` \[m\] and `R`
 /// \[m\] are needed; `vx`, `vy`, `vz` \[m/s\], `wx`, `wy`, `wz` \[rad/s\] and `material` (a name) are optional. A
 /// heading may give its unit, as `x [mm]` or `R (cm)`. Names that ParaView gives are known too (`Points:0`,
@@ -187,8 +200,13 @@ pub fn read(path: &Path) -> Result<ParticleColumns, ParticleError> {
 /// # Errors
 /// As [`read`], but for those of the system.
 pub fn parse(path: &Path, bytes: &[u8]) -> Result<ParticleColumns, ParticleError> {
-    let is_xml = bytes.trim_ascii_start().starts_with(b"<");
-    let columns = if is_xml { from_vtk(path, bytes)? } else { csv::parse(path, bytes)? };
+    let columns = if bytes.trim_ascii_start().starts_with(b"<") {
+        from_vtk(path, bytes)?
+    } else if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n") {
+        ply::parse(path, bytes)?
+    } else {
+        csv::parse(path, bytes)?
+    };
     if columns.is_empty() {
         return Err(ParticleError::Empty { path: path.into() });
     }

@@ -198,7 +198,8 @@ static PARTICLES: TableSpec = TableSpec {
         Field::new("material", Kind::Reference(Names::Material), "Their material.").optional("named by the file's column `material`"),
         Field::new("file", Kind::Path, "CSV file with a header naming x, y, z and R [m], or with units as `R [mm]`; optionally vx, vy, vz [m/s], \
              wx, wy, wz [rad/s] and material, which then count. Or VTU or VTP with an array radius; optionally \
-             velocity, angular_velocity and material, the scene's materials counted from 0.")
+             velocity, angular_velocity and material, the scene's materials counted from 0. Or PLY with vertices of x, y, z \
+             and radius, optionally vx, vy, vz, wx, wy, wz and material, a number too.")
             .optional("the particles are generated"),
         Field::new("count", Kind::Integer, "How many to generate.").optional("the particles are read from `file`").at_least(1.0).at_most(4e9),
         Field::new("radius", Kind::Either(&[LENGTH, Kind::Table(&SIZES)]), "Radius [m], or a distribution of radii.")

@@ -113,7 +113,7 @@ pub struct ParticlePart {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum Origin {
-    /// A CSV, VTU or VTP file, relative to the scene.
+    /// A CSV, VTU, VTP or PLY file, relative to the scene.
     File(Located<PathBuf>),
     /// Generated.
     Generated {
