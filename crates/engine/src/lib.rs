@@ -4,8 +4,10 @@
 
 pub mod backend;
 pub mod batch;
+pub mod frustum;
 pub mod generate;
 pub mod lattice;
+pub mod poses;
 pub mod spec;
 pub mod state;
 pub mod surface;

@@ -8,7 +8,7 @@ use glebe_physics::{Impact, Laws, PairCoefficients, PairOverride, PairProperties
 use crate::failure::SetupError;
 use crate::lattice::{Lattice, UNITS, add, cross, dot, mul, norm, scale, sub};
 use crate::spec::{
-    Action, Component, Motion, ParticleSet, Pose, Rotation, Shape, Side, Step, Surface, TriMesh, Vec3,
+    Action, Component, Frustum, Motion, ParticleSet, Pose, Shape, Side, Step, Surface, TriMesh, Vec3,
     WorldSpec,
 };
 use crate::state::{MeasureState, Particles, Place, Progress, Spin, State, SurfaceState, Velocity};
@@ -62,6 +62,28 @@ pub enum BoundaryShape {
     Plane(Vec3),
     /// A mesh with its hierarchy.
     Mesh(Arc<TriMesh>, Bvh),
+    /// A cylinder or a cone.
+    Frustum(Frustum),
+}
+
+impl BoundaryShape {
+    /// The corners of a box around it in its frame; `None` for a plane and for a mesh without triangles.
+    pub fn corners(&self) -> Option<[Vec3; 8]> {
+        match self {
+            Self::Plane(_) => None,
+            Self::Mesh(_, bvh) => bvh.corners(),
+            Self::Frustum(frustum) => Some(frustum.corners()),
+        }
+    }
+
+    /// The triangles that frames show of it; 1 for a plane.
+    pub fn triangles(&self) -> usize {
+        match self {
+            Self::Plane(_) => 1,
+            Self::Mesh(mesh, _) => mesh.triangles.len(),
+            Self::Frustum(frustum) => frustum.triangles(),
+        }
+    }
 }
 
 /// What limits the time step.
@@ -114,9 +136,9 @@ impl Constants {
         &self.pairs[a * self.spec.materials.len() + b]
     }
     /// The motion of surface `s` in stage `stage`.
-    pub fn motion(&self, s: usize, stage: usize) -> Motion {
+    pub fn motion(&self, s: usize, stage: usize) -> &Motion {
         let moves = self.spec.stages.get(stage).map_or(&[][..], |st| &st.moves);
-        moves.iter().find(|(k, _)| *k == s).map_or(self.spec.surfaces[s].motion, |(_, m)| *m)
+        moves.iter().find(|(k, _)| *k == s).map_or(&self.spec.surfaces[s].motion, |(_, m)| m)
     }
     /// A position moved by whole periods.
     pub fn shifted(&self, x: Vec3, shift: [i32; 3]) -> Vec3 {
@@ -328,12 +350,27 @@ fn check_references(spec: &WorldSpec) -> Result<(), SetupError> {
         if s.material >= materials || pose.into_iter().any(|x| !x.is_finite()) {
             return bad(format!("the surface `{}` has no such material, or no finite pose", s.name));
         }
+        if let Shape::Frustum(frustum) = &s.shape
+            && let Some(fault) = frustum.fault()
+        {
+            return bad(format!("the cylinder or cone `{}` has {fault}", s.name));
+        }
         if let Shape::Mesh(mesh) = &s.shape {
             let count = mesh.vertices.len();
             let inside = mesh.triangles.iter().flatten().all(|v| (*v as usize) < count);
             if !inside || mesh.vertices.iter().flatten().any(|x| !x.is_finite()) {
                 return bad(format!("the mesh of `{}` has a vertex that is missing or not finite", s.name));
             }
+        }
+    }
+    let staged = spec.stages.iter().flat_map(|stage| &stage.moves);
+    let motions = spec.surfaces.iter().map(|s| &s.motion).enumerate();
+    for (s, motion) in motions.chain(staged.map(|(s, motion)| (*s, motion))) {
+        if motion.turns_twice() && s < surfaces {
+            return bad(format!(
+                "a motion of `{}` has a rotation and a table of poses that turns; put all turns into the table",
+                spec.surfaces[s].name
+            ));
         }
     }
     for stage in &spec.stages {
@@ -402,11 +439,11 @@ fn check_periodic(c: &Constants) -> Result<(), SetupError> {
         let axis = AXES[k];
         let normal = match &c.boundaries[s].shape {
             BoundaryShape::Plane(normal) => rotate(pose.rotation, *normal),
-            BoundaryShape::Mesh(_, bvh) => {
-                let periods = Span::new(c, bvh, pose).map_or(0.0, |span| span.periods(k));
+            shape => {
+                let periods = Span::new(c, shape, pose).map_or(0.0, |span| span.periods(k));
                 if periods > PERIODS_MAX {
                     return bad(format!(
-                        "the mesh `{name}` is {periods:.0} periods long along the periodic axis {axis}, more than \
+                        "the surface `{name}` is {periods:.0} periods long along the periodic axis {axis}, more than \
                          {PERIODS_MAX}; it repeats with the cell, so cut it to one period, or check its unit"
                     ));
                 }
@@ -423,17 +460,18 @@ fn check_periodic(c: &Constants) -> Result<(), SetupError> {
         }
         // A turn about the normal leaves the plane where it is, one about the axis leaves it parallel to that; of
         // both kinds together neither holds.
-        let own = motion.rotation.map(|r| (r, String::new()));
+        let own = motion.turns().map(|(axis, _)| (axis, None));
         let staged = spec.stages.iter().flat_map(|stage| {
             let moves = stage.moves.iter().filter(move |m| m.0 == s);
-            moves.filter_map(|m| Some((m.1.rotation?, format!(" in the stage `{}`", stage.name))))
+            moves.flat_map(|m| m.1.turns().map(|(axis, _)| (axis, Some(&stage.name))))
         });
-        let turns: Vec<_> = own.into_iter().chain(staged).filter(|(r, _)| r.rate != 0.0).collect();
-        let about = |x: Vec3, r: &Rotation| norm(cross(x, r.axis)) <= PARALLEL;
-        if turns.iter().all(|(r, _)| about(normal, r)) {
+        let turns: Vec<_> = own.chain(staged).collect();
+        let about = |x: Vec3, axis: Vec3| norm(cross(x, axis)) <= PARALLEL;
+        if turns.iter().all(|(axis, _)| about(normal, *axis)) {
             continue;
         }
-        if let Some((_, stage)) = turns.iter().find(|(r, _)| !about(vector, r)) {
+        if let Some((_, stage)) = turns.iter().find(|(axis, _)| !about(vector, *axis)) {
+            let stage = stage.map_or_else(String::new, |name| format!(" in the stage `{name}`"));
             return bad(format!(
                 "the rotation of the plane `{name}`{stage} turns it out of the periodic axis {axis}: {instead}, or \
                  rotate the plane about {axis} or about its normal only"
@@ -450,8 +488,7 @@ fn check_start(c: &Constants, set: &ParticleSet) -> Result<Vec<String>, SetupErr
     let mut warnings = Vec::new();
     let mut near = Vec::new();
     for b in &c.boundaries {
-        let BoundaryShape::Mesh(mesh, bvh) = &b.shape else { continue };
-        let Some(span) = Span::new(c, bvh, &b.pose) else { continue };
+        let Some(span) = Span::new(c, &b.shape, &b.pose) else { continue };
         if b.surface.is_some_and(|s| c.spec.surfaces[s].absent) {
             continue;
         }
@@ -460,12 +497,20 @@ fn check_start(c: &Constants, set: &ParticleSet) -> Result<Vec<String>, SetupErr
             let reach = (1.0 - guards.overlap_limit).max(0.0) * r;
             let touches = |shift: [i32; 3]| {
                 let x = b.pose.inverse(c.shifted(at, shift));
-                near.clear();
-                bvh.near(x, reach, &mut near);
-                near.iter().any(|&t| {
-                    let vertices = mesh.triangles[t as usize].map(|v| sub(mesh.vertices[v as usize], x));
-                    touch(vertices, t, shift, reach).is_some()
-                })
+                match &b.shape {
+                    BoundaryShape::Plane(_) => false,
+                    BoundaryShape::Mesh(mesh, bvh) => {
+                        near.clear();
+                        bvh.near(x, reach, &mut near);
+                        near.iter().any(|&t| {
+                            let corners = mesh.triangles[t as usize];
+                            let vertices = corners.map(|v| sub(mesh.vertices[v as usize], x));
+                            touch(vertices, t, shift, reach).is_some()
+                        })
+                    }
+                    BoundaryShape::Frustum(frustum) => (0..frustum.parts())
+                        .any(|part| frustum.touch(frustum.axis, x, part, shift, reach).is_some()),
+                }
             };
             if !span.images(c, at, reach).any(touches) {
                 continue;
@@ -484,14 +529,26 @@ fn check_start(c: &Constants, set: &ParticleSet) -> Result<Vec<String>, SetupErr
         if inside > 0 {
             warnings.push(format!("{inside} particles start inside the surface `{}`", b.name));
         }
-        if !mesh.is_closed() {
+        let closed = match &b.shape {
+            BoundaryShape::Plane(_) => false,
+            BoundaryShape::Mesh(mesh, _) => mesh.is_closed(),
+            BoundaryShape::Frustum(frustum) => frustum.closed,
+        };
+        if !closed {
             continue;
         }
         // A drum has all of its particles inside, a tool has none: some of them are worth a word, and no more, as
         // a vessel may stand in a bed.
         let enclosed = |at: &&Vec3| {
             let mut images = span.images(c, **at, 0.0);
-            images.any(|shift| bvh.encloses(mesh, b.pose.inverse(c.shifted(**at, shift))))
+            images.any(|shift| {
+                let x = b.pose.inverse(c.shifted(**at, shift));
+                match &b.shape {
+                    BoundaryShape::Plane(_) => false,
+                    BoundaryShape::Mesh(mesh, bvh) => bvh.encloses(mesh, x),
+                    BoundaryShape::Frustum(frustum) => frustum.encloses(x),
+                }
+            })
         };
         let enclosed = set.position.iter().filter(enclosed).count();
         if enclosed > 0 && enclosed < set.len() {
@@ -513,6 +570,7 @@ fn boundaries(spec: &WorldSpec) -> Result<Vec<Boundary>, SetupError> {
         let shape = match &s.shape {
             Shape::Plane { normal } => BoundaryShape::Plane(*normal),
             Shape::Mesh(mesh) => BoundaryShape::Mesh(mesh.clone(), Bvh::new(mesh)),
+            Shape::Frustum(frustum) => BoundaryShape::Frustum(*frustum),
         };
         all.push(Boundary {
             name: s.name.clone(),
@@ -600,21 +658,31 @@ fn speed_estimate(spec: &WorldSpec, set: &ParticleSet) -> f64 {
         .surfaces
         .iter()
         .enumerate()
-        .map(|(i, s)| (i, s.motion))
-        .chain(spec.stages.iter().flat_map(|st| st.moves.iter().copied()));
+        .map(|(i, s)| (i, &s.motion))
+        .chain(spec.stages.iter().flat_map(|st| st.moves.iter().map(|(i, m)| (*i, m))));
     let mut tools = 0.0_f64;
     for (i, m) in motions {
         let mut v = norm(m.velocity);
         if let Some(o) = m.oscillation {
             v += norm(o.amplitude) * std::f64::consts::TAU * o.frequency;
         }
-        if let (Some(r), Shape::Mesh(mesh)) = (m.rotation, &spec.surfaces[i].shape) {
+        // Points of the surface, and how far it reaches around them.
+        let points: Vec<(Vec3, f64)> = match &spec.surfaces[i].shape {
+            Shape::Plane { .. } => Vec::new(),
+            Shape::Mesh(mesh) => mesh.vertices.iter().map(|x| (*x, 0.0)).collect(),
+            Shape::Frustum(frustum) => frustum.rims().to_vec(),
+        };
+        if let Some(r) = m.rotation {
             let pose = &spec.surfaces[i].pose;
-            let reach = mesh.vertices.iter().map(|x| {
+            let reach = points.iter().map(|(x, around)| {
                 let arm = sub(pose.apply(*x), r.center);
-                norm(cross(r.axis, arm))
+                norm(cross(r.axis, arm)) + around
             });
             v += r.rate.abs() * reach.fold(0.0, f64::max);
+        }
+        if let Some(poses) = &m.poses {
+            let reach = points.iter().map(|(x, around)| norm(*x) + around).fold(0.0, f64::max);
+            v += poses.speed() + reach * poses.turns().map(|(_, rate)| rate).fold(0.0, f64::max);
         }
         tools = tools.max(v);
     }

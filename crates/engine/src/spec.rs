@@ -5,6 +5,7 @@
 
 use std::sync::Arc;
 
+use crate::poses::PoseTable;
 use glebe_physics::{ContactModel, IntegratorKind, Material, Mixing, PairOverride, ShearModulusRule};
 
 /// A vector in SI units.
@@ -228,6 +229,21 @@ pub enum Shape {
     },
     /// A triangle mesh; both sides act.
     Mesh(Arc<TriMesh>),
+    /// A cylinder or a cone, exactly; both sides act.
+    Frustum(Frustum),
+}
+
+/// A shell of revolution with straight sides about an axis through the frame's origin, cut off at both ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frustum {
+    /// Unit vector of the axis.
+    pub axis: Vec3,
+    /// Where it begins and ends along the axis \[m\], ascending.
+    pub ends: [f64; 2],
+    /// Radius at both ends \[m\], > 0.
+    pub radii: [f64; 2],
+    /// Whether discs close the ends.
+    pub closed: bool,
 }
 
 /// An indexed triangle mesh, without degenerate triangles.
@@ -255,7 +271,7 @@ impl Default for Pose {
 }
 
 /// A prescribed motion since the beginning of a stage: the sum of its parts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Motion {
     /// Constant velocity \[m/s\].
     pub velocity: Vec3,
@@ -263,10 +279,12 @@ pub struct Motion {
     pub rotation: Option<Rotation>,
     /// Oscillating translation.
     pub oscillation: Option<Oscillation>,
+    /// Path and turn by a table. A table that turns goes without `rotation`.
+    pub poses: Option<Arc<PoseTable>>,
 }
 
 /// Steady rotation about an axis.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rotation {
     /// Unit vector of the axis.
     pub axis: Vec3,
@@ -277,7 +295,7 @@ pub struct Rotation {
 }
 
 /// `x(t) = amplitude · sin(2π f t + phase) - amplitude · sin(phase)`.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Oscillation {
     /// Direction times amplitude \[m\].
     pub amplitude: Vec3,

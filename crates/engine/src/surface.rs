@@ -4,7 +4,7 @@ use glebe_physics::kernel64::triangle::{closest_to_origin, foot_of_plane};
 use glebe_physics::kernel64::vector::V3;
 
 use crate::lattice::{add, cross, dot, norm, scale, sub};
-use crate::setup::Constants;
+use crate::setup::{BoundaryShape, Constants};
 use crate::spec::{Motion, Pose, TriMesh, Vec3};
 
 impl Pose {
@@ -32,7 +32,8 @@ pub fn quaternion(axis: Vec3, angle: f64) -> [f64; 4] {
     [c, s * axis[0], s * axis[1], s * axis[2]]
 }
 
-fn compose(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+/// The turn `b`, then `a`.
+pub fn compose(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
     [
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
         a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
@@ -78,13 +79,32 @@ impl Motion {
             spin = scale(r.axis, r.rate);
             velocity = add(velocity, cross(spin, arm));
         }
+        if let Some(poses) = &self.poses {
+            // Only one of both turns, so the order does not matter.
+            let away = poses.at(t);
+            moved = add(moved, away.pose.translation);
+            velocity = add(velocity, away.velocity);
+            pose.rotation = compose(away.pose.rotation, pose.rotation);
+            spin = add(spin, away.spin);
+        }
         pose.translation = add(pose.translation, moved);
         Placed { pose, velocity, spin }
     }
 
-    /// Whether the surface turns.
-    pub fn turns(&self) -> bool {
-        self.rotation.is_some_and(|r| r.rate != 0.0)
+    /// The unit vectors of the axes about which it turns, with the rates \[rad/s\].
+    pub fn turns(&self) -> impl Iterator<Item = (Vec3, f64)> {
+        let steady = self.rotation.filter(|r| r.rate != 0.0).map(|r| (r.axis, r.rate));
+        steady.into_iter().chain(self.poses.iter().flat_map(|poses| poses.turns()))
+    }
+
+    /// Whether its rotation and its table both turn, which is no sum.
+    pub fn turns_twice(&self) -> bool {
+        self.rotation.is_some() && self.poses.iter().any(|poses| poses.turns().next().is_some())
+    }
+
+    /// Where it leads on the whole: its velocity without oscillation, a table's from end to end \[m/s\].
+    pub fn heading(&self) -> Vec3 {
+        self.poses.iter().fold(self.velocity, |v, poses| add(v, poses.mean_velocity()))
     }
 }
 
@@ -246,7 +266,7 @@ fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
     })
 }
 
-/// The box around a mesh as it stands, in periods of the cell along axes that wrap.
+/// The box around a surface that is no plane as it stands, in periods of the cell along axes that wrap.
 #[derive(Clone, Copy, Debug)]
 pub struct Span {
     min: Vec3,
@@ -254,10 +274,10 @@ pub struct Span {
 }
 
 impl Span {
-    /// The box around the mesh of `bvh` in `pose`; `None` for a mesh without triangles.
-    pub fn new(c: &Constants, bvh: &Bvh, pose: &Pose) -> Option<Self> {
+    /// The box around a shape in `pose`; `None` for a plane and for a mesh without triangles.
+    pub fn new(c: &Constants, shape: &BoundaryShape, pose: &Pose) -> Option<Self> {
         let mut span = Self { min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3] };
-        for x in bvh.corners()? {
+        for x in shape.corners()? {
             let at = c.periods(sub(pose.apply(x), c.lattice.origin));
             for k in 0..3 {
                 span.min[k] = span.min[k].min(at[k]);
@@ -307,7 +327,7 @@ pub struct SurfacePoint {
     pub n: Vec3,
     /// Distance from the centre \[m\].
     pub distance: f64,
-    /// Triangle, 0 for a plane.
+    /// Triangle, or part of a shell of revolution; 0 for a plane.
     pub triangle: u32,
     /// Image of the sphere that touches, in periods along each axis.
     pub shift: [i32; 3],
@@ -322,6 +342,14 @@ impl SurfacePoint {
         let into = scale(normal, -height.signum());
         let at = Self { n: into, distance: height.abs(), triangle: 0, shift: [0; 3], rank: 0 };
         (height.abs() < reach).then_some(at)
+    }
+}
+
+impl SurfacePoint {
+    /// Where a sphere touches a part of a shell of revolution: unit vector into the surface and distance from the
+    /// centre \[m\], 0 for a face and 1 for a rim.
+    pub fn of_part(n: Vec3, distance: f64, part: u32, shift: [i32; 3], rank: u8) -> Self {
+        Self { n, distance, triangle: part, shift, rank }
     }
 }
 

@@ -126,7 +126,7 @@ fn an_own_motion_goes_on_through_stages() {
     let motion = Motion { oscillation: Some(oscillation), ..Motion::default() };
     let pose = |stages: Vec<Stage>| {
         let mut w = world();
-        w.surfaces.push(square(false, motion));
+        w.surfaces.push(square(false, motion.clone()));
         w.stages = stages;
         run(w).samples.last().unwrap().surfaces[0].pose
     };

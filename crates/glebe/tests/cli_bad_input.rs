@@ -53,6 +53,14 @@ impl Case {
     }
 }
 
+impl Case {
+    /// With the block moved by a table.
+    fn moved(name: &'static str, content: impl Into<Vec<u8>>) -> Self {
+        let case = Self::edit(name, "velocity = [0.5, 0, 0]", "poses = \"path.csv\"");
+        Self { files: vec![("path.csv", content.into())], ..case }
+    }
+}
+
 fn cases() -> Vec<Case> {
     let vtu = |points: &str, radius: &str| {
         format!(
@@ -117,6 +125,11 @@ fn cases() -> Vec<Case> {
             "p.vtu",
             vtu("0 0 0.1 0.05 0 0.1", "").replace("\"Radius\"", "\"size\""),
         ),
+        Case::particles(
+            "a PLY file of particles without a radius",
+            "p.ply",
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n",
+        ),
         Case { files: Vec::new(), ..Case::particles("particles that are not there", "nowhere.csv", "") },
         Case { files: Vec::new(), ..Case::mesh("a mesh that is not there", "nowhere.stl", "") },
         Case::mesh("a mesh of an unknown format", "tool.step", "ISO-10303-21;"),
@@ -130,6 +143,9 @@ fn cases() -> Vec<Case> {
         Case::mesh("an OBJ file with a word for a number", "tool.obj", "v 0 0 zero\nf 1 2 3\n"),
         Case::mesh("a PLY file that claims more than it has", "tool.ply", ply),
         Case::mesh("a mesh without an area", "tool.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"),
+        Case::moved("a motion whose times go back", "time,x,y,z\n0,0,0,0\n0.2,0.1,0,0\n0.1,0.2,0,0\n"),
+        Case::moved("a motion of one row", "time,x,y,z\n0,0,0,0\n"),
+        Case { files: Vec::new(), ..Case::moved("a motion that is not there", "") },
         Case { args: vec!["--out", "scene.toml"], ..Case::text("a file where results should go", SCENE) },
         Case {
             files: vec![("full/thesis.txt", Vec::new())],

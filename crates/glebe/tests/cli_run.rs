@@ -362,3 +362,32 @@ fn a_world_that_fails_says_why_and_keeps_its_results() {
     let json = place.glebe(&[&["run", "scene.toml", "--force", "--json"], &sets[..]].concat());
     assert_eq!(json.expect(1).json()["errors"][0]["code"], "failed");
 }
+
+/// A tool that a table moves inside a round vessel: the path is the table's, the vessel is shown, and both are told.
+#[test]
+fn a_table_moves_a_tool_in_a_round_vessel() {
+    let place = Place::new();
+    let scene = SCENE
+        .replace("velocity = [0.5, 0, 0]", "poses = \"path.csv\"")
+        .replace("duration = \"0.3 s\"", "duration = \"0.1 s\"")
+        .replace("at_most = \"0.5 s\"", "at_most = \"0.05 s\"")
+        .replace(
+            "[[stage]]\nname = \"settle\"",
+            "[geometry.vessel]\ncylinder = { radius = 0.13, length = 0.5, axis = \"z\" }\nmaterial = \"wall\"\n\
+             translate = [0, 0, 0.2]\n\n[[stage]]\nname = \"settle\"",
+        );
+    place
+        .write("scene.toml", scene)
+        .write("path.csv", "time [ms],x [mm],y,z\n0,0,0,0\n50,30,0,0\n80,30,0,0.01\n");
+    place.glebe(&["check", "scene.toml", "--device", "cpu"]).expect(0).says(&[
+        "geometry `vessel`: cylinder of radius 0.13 m, open, from (0.0000, 0.0000, -0.0500) to (0.0000, 0.0000, 0.4500) m",
+    ]);
+    place.glebe(&["run", "scene.toml", "--no-cache", "--device", "cpu"]).expect(0);
+    let rows = series(&place.path("out"));
+    let path = rows.column("block.path").unwrap().last().copied().unwrap();
+    assert!((path - 0.04).abs() < 1e-4, "the block went {path} m");
+    let shown = fs::read(place.path("out/frames/000000_vessel.vtp")).unwrap();
+    let head = String::from_utf8_lossy(&shown[..shown.len().min(2000)]).into_owned();
+    // 44 rings of 72 pieces of two triangles each: pieces as long as wide.
+    assert!(head.contains("NumberOfPolys=\"6336\""), "{head}");
+}

@@ -13,9 +13,9 @@ use glebe_engine::batch::{Batch, Blind};
 use glebe_engine::state::State;
 use glebe_io::checkpoint::{self, Header};
 use glebe_io::mesh::{self, Transform};
-use glebe_io::particles;
 use glebe_io::scene::Scene;
 use glebe_io::study::Study;
+use glebe_io::{particles, poses};
 use sha2::{Digest, Sha256};
 
 /// Files made of each seed, if `GLEBE_MUTATIONS` does not say how many.
@@ -189,7 +189,7 @@ fn meshes() {
 
 #[test]
 fn particle_files() {
-    for folder in ["csv", "vtk"] {
+    for folder in ["csv", "vtk", "ply-particles"] {
         torment(folder, &seeds(folder), particles_are_read);
     }
 }
@@ -217,6 +217,11 @@ fn the_corpus_of_fuzzing_is_read_or_refused() {
             assert!(begun.elapsed() < PATIENCE, "{name}: {file} takes too long");
         }
     }
+}
+
+#[test]
+fn pose_tables() {
+    torment("poses", &seeds("poses"), |bytes| poses::parse(Path::new("a"), bytes).is_ok());
 }
 
 /// The bytes of a small state, with contacts that remember something.

@@ -270,3 +270,85 @@ fn mistakes_are_named_with_line_and_column() {
     let error = read(Path::new("no/such/file.csv")).unwrap_err().to_string();
     assert!(error.starts_with("cannot read particle file `no/such/file.csv`: "), "{error}");
 }
+
+/// As text and as both binaries, with properties in another order and other elements around.
+#[test]
+fn ply_of_every_encoding_is_read() {
+    let header = |format: &str| {
+        format!(
+            "ply\r\nformat {format} 1.0\r\nelement camera 1\r\nproperty list uchar short view\r\nelement vertex 2\r\n\
+             property float Radius\r\nproperty double z\r\nproperty double x\r\nproperty double y\r\nproperty float wx\r\n\
+             property float wy\r\nproperty float wz\r\nproperty uchar material\r\nproperty uchar red\r\nend_header\r\n"
+        )
+    };
+    let rows = [
+        (0.5_f32, [3.0_f64, 1.0, 2.0], [4.0_f32, 5.0, 6.0], [1_u8, 9]),
+        (0.25, [0.1, -0.2, 0.3], [0.0; 3], [0, 7]),
+    ];
+    let mut text = header("ascii") + "2 7 -8\n";
+    let mut little = header("binary_little_endian").into_bytes();
+    let mut big = header("binary_big_endian").into_bytes();
+    little.extend([2, 7, 0, 248, 255]);
+    big.extend([2, 0, 7, 255, 248]);
+    for (radius, zxy, spin, bytes) in rows {
+        text += &format!("{radius} {zxy:?} {spin:?} {bytes:?}\n").replace(['[', ']', ','], " ");
+        little.extend(radius.to_le_bytes());
+        big.extend(radius.to_be_bytes());
+        for x in zxy {
+            little.extend(x.to_le_bytes());
+            big.extend(x.to_be_bytes());
+        }
+        for x in spin {
+            little.extend(x.to_le_bytes());
+            big.extend(x.to_be_bytes());
+        }
+        little.extend(bytes);
+        big.extend(bytes);
+    }
+    for (name, content) in [("text", text.as_bytes()), ("little", &little[..]), ("big", &big[..])] {
+        let columns = glebe_io::particles::parse(Path::new("p.ply"), content).unwrap();
+        assert_eq!(columns.position, [[1.0, 2.0, 3.0], [-0.2, 0.3, 0.1]], "{name}");
+        assert_eq!((columns.radius.as_slice(), columns.velocity.len()), (&[0.5, 0.25][..], 0), "{name}");
+        assert_eq!(
+            (columns.spin[0], columns.ignored.as_slice()),
+            ([4.0, 5.0, 6.0], &["red".to_owned()][..]),
+            "{name}"
+        );
+        assert_eq!(columns.into_set(&materials(), None).unwrap().material, [1, 0], "{name}");
+    }
+}
+
+#[test]
+fn ply_that_is_no_bed_is_refused() {
+    let ply = |properties: &str, rows: &str| {
+        let properties =
+            properties.split(' ').fold(String::new(), |all, p| format!("{all}property float {p}\n"));
+        let text = format!("ply\nformat ascii 1.0\nelement vertex 1\n{properties}end_header\n{rows}");
+        glebe_io::particles::parse(Path::new("p.ply"), text.as_bytes()).unwrap_err().to_string()
+    };
+    for (error, expected) in [
+        (
+            ply("x y z", "0 0 0\n"),
+            ", line 1: expected vertices with the properties x, y, z and radius, found `element vertex`",
+        ),
+        (
+            ply("x y z radius vx", "0 0 0 1 0\n"),
+            ", line 1: expected vertices with vx, vy and vz, or none of them, found `element vertex`",
+        ),
+        (ply("x y z radius", "0 0 0 -1\n"), ", particle 0 (from 0): radius is -1; it must be greater than 0"),
+        (
+            ply("x y z radius", "0 nan 0 1\n"),
+            ", particle 0 (from 0): a number is NaN; numbers must be finite",
+        ),
+        (ply("x y z radius", "0 up 0 1\n"), ", line 9: expected a number, found `up`"),
+        (
+            ply("x y z radius", "0 0\n"),
+            " is cut short: it ends at line 10, where more numbers should follow; copy or export it again",
+        ),
+    ] {
+        assert_eq!(error, format!("particle file `p.ply`{expected}"));
+    }
+    let empty = "ply\nformat ascii 1.0\nend_header\n";
+    let error = glebe_io::particles::parse(Path::new("p.ply"), empty.as_bytes()).unwrap_err().to_string();
+    assert!(error.contains("is empty"), "{error}");
+}

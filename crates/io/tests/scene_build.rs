@@ -4,6 +4,7 @@
 
 mod scene_common;
 
+use std::f64::consts::FRAC_PI_2;
 use std::fs;
 use std::path::PathBuf;
 
@@ -236,4 +237,61 @@ fn a_tool_that_cannot_be_made_is_told() {
     let error = Folder::new("tool").only_error(&text);
     assert_eq!((error.kind(), error.place().text()), ("shape", "{ width = \"30 m\" }"));
     assert!(error.message().contains("width = 30 m is not allowed"), "{error}");
+}
+
+#[test]
+fn a_motion_comes_from_a_table() {
+    let folder = with_sweep(Folder::new("poses"))
+        .file("path.csv", "time [ms],x [mm],y,z\n0,0,0,0\n100,70,0,0\n")
+        .file("turn.csv", "time,x,y,z,rz [deg]\n0,0,0,0,0\n")
+        .file("swing.csv", "time,x,y,z,rx,ry,rz [deg]\n0,0,0,0,0,0,0\n1,0,0,0,0,0,90\n");
+    let few = EXAMPLE.replace("count = 38912", "count = 10");
+    let moved = |motion: &str| few.replace("velocity = [0.7, 0, 0]", motion);
+    let world = folder.build(&moved("poses = \"path.csv\"")).unwrap().world;
+    let motion = &world.stages[2].moves[0].1;
+    let at = motion.at(&world.surfaces[0].pose, 0.05);
+    assert!((at.pose.translation[0] - (-0.62 + 0.035)).abs() < 1e-12 && at.pose.translation[2] == 0.15);
+    assert!((at.velocity[0] - 0.7).abs() < 1e-12, "{at:?}");
+    // Sums with the other parts, but for a second rotation.
+    let both = "poses = \"path.csv\", rotation = { axis = \"y\", rate = 1 }";
+    assert!(folder.build(&moved(both)).is_ok());
+    let error = folder.only_error(&moved("poses = \"swing.csv\", rotation = { axis = \"y\", rate = 1 }"));
+    assert_eq!((error.kind(), error.place().text()), ("conflict", "\"swing.csv\""));
+    let error = folder.only_error(&moved("poses = \"turn.csv\""));
+    assert_eq!((error.kind(), error.place().text()), ("file", "\"turn.csv\""));
+    assert!(error.message().contains("turn.csv`, line 1: no column `rx` among"), "{error}");
+    // Of the surface itself.
+    let own = few.replace("[geometry.sweep]", "[geometry.sweep]\nmotion.poses = \"swing.csv\"");
+    let world = folder.build(&own).unwrap().world;
+    assert!((world.surfaces[0].motion.poses.as_ref().unwrap().at(0.5).spin[2] - FRAC_PI_2).abs() < 1e-12);
+}
+
+#[test]
+fn round_shapes_stand_where_they_should() {
+    let folder = Folder::new("round");
+    let few = EXAMPLE.replace("count = 38912", "count = 10");
+    let with = |shape: &str| few.replace("file = \"sweep.stl\"", shape);
+    let built = folder
+        .build(&with(
+            "cylinder = { radius = \"5 cm\", length = 0.2, axis = [0, 0, 3], ends = true }\n\
+             rotate = [{ axis = \"x\", angle = \"90 deg\" }]",
+        ))
+        .unwrap();
+    let surface = &built.world.surfaces[0];
+    let Shape::Frustum(f) = surface.shape else { panic!("{:?}", surface.shape) };
+    assert_eq!((f.axis, f.ends, f.radii, f.closed), ([0.0, 0.0, 1.0], [-0.1, 0.1], [0.05; 2], true));
+    assert_eq!(surface.pose.translation, [-0.62, 0.0, 0.15]);
+    let end = surface.pose.apply([0.0, 0.0, 0.1]);
+    assert!((end[1] + 0.1).abs() < 1e-12 && (end[2] - 0.15).abs() < 1e-12, "{end:?}");
+    let note = "geometry `sweep`: cylinder of radius 0.05 m, closed, from (-0.6200, 0.1000, 0.1500) to (-0.6200, -0.1000, \
+                0.1500) m";
+    assert!(built.notes.iter().any(|n| n == note), "{:?}", built.notes);
+    let cone = "cone = { start_radius = 0.01, end_radius = 0.03, length = 0.1, axis = \"-z\" }";
+    let world = folder.build(&with(cone)).unwrap().world;
+    let Shape::Frustum(f) = world.surfaces[0].shape else { panic!("{:?}", world.surfaces[0].shape) };
+    assert_eq!((f.axis, f.ends, f.radii, f.closed), ([0.0, 0.0, -1.0], [0.0, 0.1], [0.01, 0.03], false));
+    let error = only(&with(&format!("{cone}\nscale = 2")));
+    assert!(error.message().contains("`scale`") && error.message().contains("`cone`"), "{error}");
+    let error = only(&with("cone = { start_radius = 0, end_radius = 0.03, length = 0.1 }"));
+    assert_eq!(error.place().text(), "0");
 }

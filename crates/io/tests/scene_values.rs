@@ -166,7 +166,8 @@ fn every_key_arrives() {
     assert_eq!((tool.scale, tool.translate), ([1.0, 2.0, 1.0], [0.5, 0.5, 0.3]));
     assert_eq!(tool.rotate, [([0.0, 0.0, 1.0], PI / 2.0), ([0.0, 0.6, 0.8], -0.1)]);
     let turning = Rotation { axis: [0.0, 1.0, 0.0], center: [0.0; 3], rate: 2.0 * PI };
-    assert_eq!(scene.geometry[1].motion.rotation, Some(turning));
+    assert!(scene.geometry[1].motion.about_origin && scene.geometry[1].motion.poses.is_none());
+    assert_eq!(scene.geometry[1].motion.motion.rotation, Some(turning));
     let plane = GeometryShape::Plane { point: [0.0, 0.0, 0.1], normal: [0.0, 0.0, 1.0] };
     assert_eq!(scene.geometry[2].shape.value, plane);
     let stage = &scene.stages[0];

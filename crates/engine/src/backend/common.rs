@@ -14,9 +14,9 @@ pub struct Standing {
     pub present: bool,
     /// Pose and velocity.
     pub placed: Placed,
-    /// Vertices in the world \[m\]; empty for planes.
+    /// Vertices in the world \[m\]; empty but for meshes.
     pub vertices: Vec<Vec3>,
-    /// Unit normal in the world, for planes.
+    /// Unit normal of a plane, or axis of a shell of revolution, in the world.
     pub normal: Vec3,
 }
 
@@ -35,6 +35,7 @@ impl Standing {
         }
         match &boundary.shape {
             BoundaryShape::Plane(n) => self.normal = rotate(placed.pose.rotation, *n),
+            BoundaryShape::Frustum(frustum) => self.normal = rotate(placed.pose.rotation, frustum.axis),
             BoundaryShape::Mesh(mesh, _) => {
                 self.vertices.clear();
                 self.vertices.extend(mesh.vertices.iter().map(|x| placed.pose.apply(*x)));
@@ -43,7 +44,7 @@ impl Standing {
     }
 
     /// Appends where a sphere around `center` comes within `reach` \[m\] of the plane, or of one of the
-    /// `facets` of the mesh: triangles, each with the image of the sphere that is meant.
+    /// `facets`: triangles of a mesh or parts of a shell, each with the image of the sphere that is meant.
     pub fn touches(
         &self,
         c: &Constants,
@@ -58,6 +59,12 @@ impl Standing {
                 let height = dot(self.normal, sub(center, self.placed.pose.translation));
                 found.extend(SurfacePoint::of_plane(self.normal, height, reach));
             }
+            BoundaryShape::Frustum(frustum) => {
+                found.extend(facets.filter_map(|(part, shift)| {
+                    let x = sub(c.shifted(center, shift), self.placed.pose.translation);
+                    frustum.touch(self.normal, x, part, shift, reach)
+                }));
+            }
             BoundaryShape::Mesh(mesh, _) => {
                 found.extend(facets.filter_map(|(triangle, shift)| {
                     let x = c.shifted(center, shift);
@@ -68,6 +75,13 @@ impl Standing {
             }
         }
     }
+}
+
+/// The triangle that shows a contact of a facet, at `arm` from the frame's origin \[m\].
+pub fn shown(boundary: &Boundary, standing: &Standing, arm: Vec3, facet: u32) -> u32 {
+    let BoundaryShape::Frustum(frustum) = &boundary.shape else { return facet };
+    let [w, x, y, z] = standing.placed.pose.rotation;
+    frustum.shown(rotate([w, -x, -y, -z], arm), facet)
 }
 
 /// A particle as messages and accounts see it.
@@ -159,6 +173,7 @@ pub fn leavers(c: &Constants, p: &Particles, g: &mut Progress) -> Vec<bool> {
 /// plane at a corner of the domain, to which its part of the world is confined.
 pub fn strays(c: &Constants, boundary: &Boundary, from: &Pose, to: &Pose) -> f64 {
     let corners = match &boundary.shape {
+        BoundaryShape::Frustum(frustum) => return frustum.strays(from, to),
         BoundaryShape::Mesh(_, bvh) => bvh.corners(),
         BoundaryShape::Plane(_) => Some(c.spec.domain.corners().map(|x| from.inverse(x))),
     };

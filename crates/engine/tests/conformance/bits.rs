@@ -1,16 +1,21 @@
 //! Equal runs give equal bits.
 
+use std::sync::Arc;
+
 use glebe_engine::batch::{Batch, Blind, Status};
 use glebe_engine::lattice::{add, norm, sub};
-use glebe_engine::spec::{Action, Domain, Pose, Side, Stage, Until, WorldSpec};
+use glebe_engine::poses::{PoseTable, TimedPose};
+use glebe_engine::spec::{Action, Domain, Pose, Rotation, Side, Stage, Until, WorldSpec};
 use glebe_engine::state::State;
+use glebe_engine::surface::quaternion;
 use glebe_physics::{ContactModel, IntegratorKind, LawChoice};
 
 use crate::support::{Random, Run, Subject, Together, bodies, grain, mesh, open_world, rectangle};
 
 const RADIUS: f64 = 1e-3;
 
-/// `count` spheres of 0.6-1 mm tumbling over a turning blade in a box that is periodic along x.
+/// `count` spheres of 0.6-1 mm tumbling over a turning blade in a box that is periodic along x. The
+/// blade turns steadily for even seeds, by a table for odd ones.
 fn tumbling(count: u32, seed: u64) -> WorldSpec {
     let mut w = open_world([0.0; 3], 0.1, 4e-6, grain(0.5, 0.4));
     let (side, columns) = (0.0255, 12);
@@ -22,8 +27,22 @@ fn tumbling(count: u32, seed: u64) -> WorldSpec {
     let (vertices, triangles) = rectangle([-0.01, -0.02], [0.01, 0.02]);
     let pose = Pose { translation: [0.5 * side, 0.5 * side, 2e-3], rotation: [1.0, 0.0, 0.0, 0.0] };
     w.surfaces = vec![mesh(vertices, triangles, pose)];
-    w.surfaces[0].motion.rotation =
-        Some(glebe_engine::spec::Rotation { axis: [0.0, 1.0, 0.0], center: pose.translation, rate: 4.0 });
+    if seed.is_multiple_of(2) {
+        w.surfaces[0].motion.rotation =
+            Some(Rotation { axis: [0.0, 1.0, 0.0], center: pose.translation, rate: 4.0 });
+    } else {
+        // It swings to and fro with rows every 28 steps, from a little after the beginning on.
+        let row = |k: u32| {
+            let side = if k.is_multiple_of(2) { 1.0 } else { -1.0 };
+            let pose = Pose {
+                translation: [1e-4 * f64::from(k), 0.0, 1e-4 * side],
+                rotation: quaternion([0.0, 1.0, 0.0], 0.02 * side),
+            };
+            TimedPose { time: 1.1e-4 * f64::from(k) + 3e-5, pose }
+        };
+        w.surfaces[0].motion.poses =
+            Some(Arc::new(PoseTable::new(&(0..12).map(row).collect::<Vec<_>>()).unwrap()));
+    }
     let mut r = Random(seed);
     for i in 0..count {
         let at = [i % columns, i / columns % columns, i / (columns * columns)];

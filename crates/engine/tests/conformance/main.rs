@@ -20,9 +20,11 @@ mod laws;
 mod leaving;
 mod packing;
 mod periodic;
+mod poses;
 mod precision;
 mod reach;
 mod restitution;
+mod round;
 mod support;
 
 macro_rules! tests {
@@ -63,6 +65,13 @@ macro_rules! backend_suite {
                 leaving::trimmed_particles_take_their_springs_along,
                 periodic::a_blade_is_felt_however_far_it_goes,
                 periodic::the_ledger_closes_through_seams,
+                poses::a_table_of_a_steady_motion_is_that_motion,
+                poses::a_table_of_an_oscillation_follows_it,
+                round::a_sphere_rests_on_cylinders_and_cones,
+                round::a_sphere_swings_in_a_cylinder,
+                round::a_turning_drum_drags,
+                round::a_fine_mesh_acts_alike,
+                round::ends_rims_and_seams,
                 precision::creep_is_not_lost,
                 precision::resting_overlap,
                 precision::a_packing_at_50_pa_stays_at_rest,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glebe_engine::backend::{Backend, Detail, Fleet, Job, Moment};
 use glebe_engine::lattice::{add, cross, dot, norm, scale, sub};
 use glebe_engine::spec::{
-    Domain, Motion, Pose, Shape, Side, Stage, Step, Surface, Time, TriMesh, Vec3, WorldSpec,
+    Domain, Frustum, Motion, Pose, Shape, Side, Stage, Step, Surface, Time, TriMesh, Vec3, WorldSpec,
 };
 use glebe_engine::state::{Progress, State};
 use glebe_engine::{Constants, Failure, prepare};
@@ -219,6 +219,10 @@ pub fn plane(normal: Vec3, point: Vec3) -> Surface {
 
 pub fn mesh(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>, pose: Pose) -> Surface {
     surface(Shape::Mesh(Arc::new(TriMesh { vertices, triangles })), pose)
+}
+
+pub fn frustum(frustum: Frustum, pose: Pose) -> Surface {
+    surface(Shape::Frustum(frustum), pose)
 }
 
 fn surface(shape: Shape, pose: Pose) -> Surface {

@@ -2,7 +2,7 @@
 
 use glebe_engine::Constants;
 use glebe_engine::batch::{Batch, positions};
-use glebe_engine::spec::{Component, Motion, Pose, Shape, Vec3, Window};
+use glebe_engine::spec::{Component, Pose, Shape, Vec3, Window};
 use glebe_engine::state::{StageResult, State};
 use glebe_io::output::series::Series;
 use glebe_io::output::{OutputDir, OutputError, file_word};
@@ -17,7 +17,8 @@ const ENDS: f64 = 0.15;
 struct Moved {
     stage: usize,
     surface: usize,
-    motion: Motion,
+    /// Where it leads \[m/s\].
+    heading: Vec3,
 }
 
 /// The furrows that tools leave, found while the run goes on.
@@ -62,7 +63,7 @@ impl Furrows {
         }
         if self.stage.is_none() && g.stage_begun && g.stage < c.spec.stages.len() {
             self.stage = Some(g.stage);
-            let tracks = moved(c, g.stage).into_iter().filter_map(|m| Some((view(c, &m.motion)?, m)));
+            let tracks = moved(c, g.stage).into_iter().filter_map(|m| Some((view(c, m.heading)?, m)));
             let tracks: Vec<_> = tracks.collect();
             if tracks.is_empty() {
                 return;
@@ -87,16 +88,16 @@ fn moved(c: &Constants, stage: usize) -> Vec<Moved> {
     let moves = &c.spec.stages[stage].moves;
     moves
         .iter()
-        .filter(|(s, m)| matches!(c.spec.surfaces[*s].shape, Shape::Mesh(_)) && m.velocity != [0.0; 3])
-        .map(|&(surface, motion)| Moved { stage, surface, motion })
+        .filter(|(s, m)| matches!(c.spec.surfaces[*s].shape, Shape::Mesh(_)) && m.heading() != [0.0; 3])
+        .map(|(surface, motion)| Moved { stage, surface: *surface, heading: motion.heading() })
         .collect()
 }
 
-/// How the furrow of a motion is looked at, with the middle half of the domain as section; none without
+/// How the furrow of a tool is looked at, with the middle half of the domain as section; none without
 /// gravity or for a motion straight up or down.
-fn view(c: &Constants, motion: &Motion) -> Option<FurrowView> {
+fn view(c: &Constants, heading: Vec3) -> Option<FurrowView> {
     let up = largest(c.spec.gravity, None)?;
-    let along = largest(motion.velocity, Some(up))?;
+    let along = largest(heading, Some(up))?;
     let across = 3 - up - along;
     let side = |axis: usize| [c.spec.domain.origin[axis], c.spec.domain.cell[axis][axis]];
     let ([x, length], [y, width]) = (side(along), side(across));

@@ -1,5 +1,6 @@
 //! Writes what a world reports: rows of the series, frames.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glebe_engine::Constants;
@@ -18,8 +19,8 @@ const PARTICLES: &str = "particles";
 pub(super) struct Recorder {
     series: SeriesWriter,
     frames: FrameWriter,
-    /// Surface of each part of a frame; the particles come first.
-    meshes: Vec<usize>,
+    /// Surface of each part of a frame, and its mesh; the particles come first.
+    meshes: Vec<(usize, Arc<TriMesh>)>,
     /// The last row.
     pub(super) last: Option<Sample>,
     /// Time spent writing.
@@ -36,10 +37,18 @@ impl Recorder {
         let surfaces = &constants.spec.surfaces;
         let columns = columns(surfaces.iter().map(|s| s.name.as_str()));
         let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
-        let meshes: Vec<usize> =
-            (0..surfaces.len()).filter(|s| matches!(surfaces[*s].shape, Shape::Mesh(_))).collect();
+        let shown = |shape: &Shape| match shape {
+            Shape::Plane { .. } => None,
+            Shape::Mesh(mesh) => Some(mesh.clone()),
+            Shape::Frustum(frustum) => Some(Arc::new(frustum.mesh())),
+        };
+        let meshes: Vec<_> = surfaces
+            .iter()
+            .enumerate()
+            .filter_map(|(s, surface)| Some((s, shown(&surface.shape)?)))
+            .collect();
         let mut parts = vec![PARTICLES];
-        parts.extend(meshes.iter().map(|s| surfaces[*s].name.as_str()));
+        parts.extend(meshes.iter().map(|(s, _)| surfaces[*s].name.as_str()));
         let (series, frames) = match after {
             None => (SeriesWriter::create(&dir.series(), &columns)?, FrameWriter::create(dir, &parts)?),
             Some((rows, frames)) => (
@@ -73,8 +82,8 @@ impl Observer for Recorder {
         let particles = ParticleColumns::new(frame);
         let (c, g) = (frame.constants, &frame.state.progress);
         let mut meshes = Vec::new();
-        for (k, &s) in self.meshes.iter().enumerate() {
-            let Shape::Mesh(mesh) = &c.spec.surfaces[s].shape else { continue };
+        for (k, (s, mesh)) in self.meshes.iter().enumerate() {
+            let s = *s;
             if g.surfaces[s].present {
                 let pose = g.surfaces[s].placed(c, s, g).pose;
                 let vertices: Vec<Vec3> = mesh.vertices.iter().map(|x| pose.apply(*x)).collect();

@@ -1,7 +1,8 @@
-//! Particles from files: CSV as GPUDEM, ParaView and people write it, and VTK's XML formats as GPUDEM, ParaView and
-//! glebe itself write them.
+//! Particles from files: CSV as GPUDEM, ParaView and people write it, VTK's XML formats as GPUDEM, ParaView and glebe
+//! itself write them, and PLY.
 
 mod csv;
+mod ply;
 
 use std::{
     collections::BTreeMap,
@@ -12,6 +13,7 @@ use std::{
 use glebe_engine::spec::{MaterialId, ParticleSet, Vec3};
 use thiserror::Error;
 
+use crate::sheet::SheetError;
 use crate::{input, vtk};
 
 /// The particles of a file, column by column.
@@ -56,58 +58,27 @@ pub enum ParticleError {
         /// What the system said.
         source: io::Error,
     },
-    /// The file is not CSV text.
-    #[error("particle file `{}` is not CSV text: {source}", path.display())]
-    NotCsv {
-        /// The file.
-        path: PathBuf,
-        /// What the parser said.
-        source: ::csv::Error,
-    },
     /// There is no particle in it.
     #[error("particle file `{}` is empty: it needs a header `x,y,z,R` and a line for each particle", path.display())]
     Empty {
         /// The file.
         path: PathBuf,
     },
-    /// A needed column is not there.
-    #[error(
-        "particle file `{}`, line {line}: no column `{missing}` among {}; known are x, y, z, R (needed), \
-         vx, vy, vz, wx, wy, wz and material, each with a unit if need be, such as `R [mm]`",
-        path.display(),
-        found.join(", ")
-    )]
-    MissingColumn {
+    /// A table that cannot be read.
+    #[error("particle file `{}`{fault}", path.display())]
+    Sheet {
         /// The file.
         path: PathBuf,
-        /// Line of the header.
-        line: u64,
-        /// The column.
-        missing: &'static str,
-        /// The columns that are there.
-        found: Vec<String>,
-    },
-    /// Two columns mean the same.
-    #[error("particle file `{}`, line {line}: two columns mean `{name}`: rename or remove one", path.display())]
-    TwiceColumn {
-        /// The file.
-        path: PathBuf,
-        /// Line of the header.
-        line: u64,
-        /// The heading.
-        name: String,
-    },
-    /// The unit of a column is not one of what it holds.
-    #[error("particle file `{}`, line {line}: column `{heading}`: {problem}", path.display())]
-    Unit {
-        /// The file.
-        path: PathBuf,
-        /// Line of the header.
-        line: u64,
-        /// The heading.
-        heading: String,
         /// What is wrong with it.
-        problem: String,
+        fault: SheetError,
+    },
+    /// A PLY file that cannot be read.
+    #[error("particle file `{}`{what}", path.display())]
+    Ply {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
     },
     /// A VTK file that cannot be read.
     #[error("particle file `{}`, line {line}: {what}", path.display())]
@@ -152,34 +123,6 @@ pub enum ParticleError {
         path: PathBuf,
         /// Columns of its first line.
         columns: usize,
-    },
-    /// A line has more or fewer fields than the first.
-    #[error("particle file `{}`, line {line}: {found} fields, but the first line has {expected}", path.display())]
-    Ragged {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: u64,
-        /// Fields of the first line.
-        expected: usize,
-        /// Fields of this one.
-        found: usize,
-    },
-    /// A field is not a finite number, or a radius not positive, or a material's name is missing.
-    #[error("particle file `{}`, line {line}, column {column} ({name}): `{text}` {problem}", path.display())]
-    Value {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: u64,
-        /// Column, from 1.
-        column: usize,
-        /// Name of the column.
-        name: &'static str,
-        /// What stands there.
-        text: String,
-        /// What is wrong with it.
-        problem: &'static str,
     },
     /// A material that the scene does not define.
     #[error(
@@ -232,6 +175,10 @@ fn listed(names: &[String]) -> String {
 /// zlib): points \[m\] and their arrays `radius` \[m\], which is needed, `velocity` \[m/s\], `angular_velocity`
 /// \[rad/s\] and `material`, the scene's materials counted from 0.
 ///
+/// Files that begin with a line `ply` are taken for PLY, as text or binary: the element `vertex` with the properties
+/// `x`, `y`, `z` \[m\], `radius` \[m\] (or `r`), and optionally `vx`, `vy`, `vz` \[m/s\], `wx`, `wy`, `wz` \[rad/s\] and
+/// `material`, the scene's materials counted from 0.
+///
 /// All others are taken for CSV. The first line names the columns, in any order and case: `x`, `y`, `z` \[m\] and `R`
 /// \[m\] are needed; `vx`, `vy`, `vz` \[m/s\], `wx`, `wy`, `wz` \[rad/s\] and `material` (a name) are optional. A
 /// heading may give its unit, as `x [mm]` or `R (cm)`. Names that ParaView gives are known too (`Points:0`,
@@ -253,8 +200,13 @@ pub fn read(path: &Path) -> Result<ParticleColumns, ParticleError> {
 /// # Errors
 /// As [`read`], but for those of the system.
 pub fn parse(path: &Path, bytes: &[u8]) -> Result<ParticleColumns, ParticleError> {
-    let is_xml = bytes.trim_ascii_start().starts_with(b"<");
-    let columns = if is_xml { from_vtk(path, bytes)? } else { csv::parse(path, bytes)? };
+    let columns = if bytes.trim_ascii_start().starts_with(b"<") {
+        from_vtk(path, bytes)?
+    } else if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n") {
+        ply::parse(path, bytes)?
+    } else {
+        csv::parse(path, bytes)?
+    };
     if columns.is_empty() {
         return Err(ParticleError::Empty { path: path.into() });
     }

@@ -9,15 +9,17 @@ use glebe_engine::SetupError;
 use glebe_engine::backend::BYTES_PER_PARTICLE;
 use glebe_engine::generate::{FillRequest, Region, SizeDistribution, generate, solid_volume, worst_overlap};
 use glebe_engine::spec::{
-    Action, Domain, Measure, Motion, ParticleSet, Pose, Shape, Side, Stage, Surface, Vec3, WorldSpec,
+    Action, Domain, Frustum, Measure, Motion, ParticleSet, Pose, Shape, Side, Stage, Surface, Vec3, WorldSpec,
 };
 use glebe_physics::Material;
 
 use super::error::{Place, SceneError};
-use super::model::{GeometryPart, GeometryShape, Origin, ParticlePart, Scene, ScenePlaces, StagePart};
+use super::model::{
+    GeometryPart, GeometryShape, MotionPart, Origin, ParticlePart, Scene, ScenePlaces, StagePart,
+};
 use super::shapes;
 use crate::mesh::{self, MeshReport, Transform, assemble};
-use crate::{input, particles};
+use crate::{input, particles, poses};
 
 /// Meshes longer than this were probably drawn in another unit \[m\].
 const LONGEST: f64 = 20.0;
@@ -119,7 +121,7 @@ impl Scene {
         world.guards = self.guards;
         world.surfaces = self.geometry.iter().filter_map(|g| build.surface(g)).collect();
         world.particles = build.particles();
-        world.stages = self.stages.iter().map(|stage| self.stage(stage)).collect();
+        world.stages = self.stages.iter().map(|stage| build.stage(stage)).collect();
         world.sampling = self.sampling;
 
         let Build { found, meshes, notes, groups, .. } = build;
@@ -144,34 +146,6 @@ impl Scene {
 
     fn surface_id(&self, name: &str) -> usize {
         self.geometry.iter().position(|g| g.name.value == name).unwrap_or_default()
-    }
-
-    fn stage(&self, part: &StagePart) -> Stage {
-        let mut actions = Vec::new();
-        actions.extend(part.remove.map(|(axis, limit)| Action::RemoveBeyond { axis, limit }));
-        actions.extend(part.withdraw.iter().map(|name| Action::Withdraw(self.surface_id(name))));
-        actions.extend(part.insert.iter().map(|name| Action::Insert(self.surface_id(name))));
-        let moves = part.moves.iter().map(|(name, part)| {
-            let surface = self.surface_id(name);
-            let mut motion: Motion = part.motion;
-            if let (Some(rotation), true) = (&mut motion.rotation, part.about_origin) {
-                rotation.center = self.geometry[surface].translate;
-            }
-            (surface, motion)
-        });
-        let measures = part.measures.iter().map(|m| Measure {
-            name: m.name.clone(),
-            surface: self.surface_id(&m.surface),
-            component: m.component,
-            window: m.window,
-        });
-        Stage {
-            name: part.name.value.clone(),
-            actions,
-            until: part.until,
-            moves: moves.collect(),
-            measures: measures.collect(),
-        }
     }
 
     /// Whether a surface is absent at the start: the first stage that names it inserts it.
@@ -214,6 +188,10 @@ impl Build<'_> {
             GeometryShape::Plane { point, normal } => {
                 pose.translation = [0, 1, 2].map(|k| point[k] + part.translate[k]);
                 return Some(self.placed(part, pose, Shape::Plane { normal: *normal }));
+            }
+            GeometryShape::Round(frustum) => {
+                self.notes.push(round_note(&part.name.value, frustum, &pose));
+                return Some(self.placed(part, pose, Shape::Frustum(*frustum)));
             }
             GeometryShape::File(path) => {
                 let transform = Transform { scale: part.scale, ..Transform::default() };
@@ -283,13 +261,58 @@ impl Build<'_> {
         }
     }
 
-    fn placed(&self, part: &GeometryPart, pose: Pose, shape: Shape) -> Surface {
+    fn stage(&mut self, part: &StagePart) -> Stage {
+        let scene = self.scene;
+        let mut actions = Vec::new();
+        actions.extend(part.remove.map(|(axis, limit)| Action::RemoveBeyond { axis, limit }));
+        actions.extend(part.withdraw.iter().map(|name| Action::Withdraw(scene.surface_id(name))));
+        actions.extend(part.insert.iter().map(|name| Action::Insert(scene.surface_id(name))));
+        let moves = part.moves.iter().map(|(name, motion)| {
+            let surface = scene.surface_id(name);
+            (surface, self.motion(motion, scene.geometry[surface].translate))
+        });
+        let moves = moves.collect();
+        let measures = part.measures.iter().map(|m| Measure {
+            name: m.name.clone(),
+            surface: scene.surface_id(&m.surface),
+            component: m.component,
+            window: m.window,
+        });
+        Stage {
+            name: part.name.value.clone(),
+            actions,
+            until: part.until,
+            moves,
+            measures: measures.collect(),
+        }
+    }
+
+    /// A motion of a surface whose frame stands at `origin`.
+    fn motion(&mut self, part: &MotionPart, origin: Vec3) -> Motion {
+        let mut motion = part.motion.clone();
+        if let (Some(rotation), true) = (&mut motion.rotation, part.about_origin) {
+            rotation.center = origin;
+        }
+        let Some(file) = &part.poses else { return motion };
+        match poses::read(&self.base_dir.join(&file.value)) {
+            Ok(table) => motion.poses = Some(Arc::new(table)),
+            Err(error) => self.bad_file(&file.place, error.to_string()),
+        }
+        if motion.turns_twice() {
+            let message = format!("`{}` turns, and the motion has a rotation too", file.value.display());
+            let error = SceneError::new("conflict", &file.place, message).label("this table");
+            self.found.push(error.help("put all turns into the table, or leave its rotation columns out"));
+        }
+        motion
+    }
+
+    fn placed(&mut self, part: &GeometryPart, pose: Pose, shape: Shape) -> Surface {
         Surface {
             name: part.name.value.clone(),
             material: self.scene.material_id(&part.material),
             shape,
             pose,
-            motion: part.motion,
+            motion: self.motion(&part.motion, part.translate),
             absent: self.scene.starts_absent(&part.name.value),
         }
     }
@@ -506,6 +529,19 @@ impl Build<'_> {
             .help(help);
         self.found.push(if guards.overlap_stops { error } else { error.warning() });
     }
+}
+
+/// What `check` says of a cylinder or a cone: its radii, and where its ends are.
+fn round_note(name: &str, frustum: &Frustum, pose: &Pose) -> String {
+    let [(from, start), (to, end)] = frustum.rims();
+    let place = |x: Vec3| place_point(pose, x).map(|c| format!("{c:.4}")).join(", ");
+    let kind = if start == end {
+        format!("cylinder of radius {start} m")
+    } else {
+        format!("cone of radius {start} m to {end} m")
+    };
+    let closed = if frustum.closed { "closed" } else { "open" };
+    format!("geometry `{name}`: {kind}, {closed}, from ({}) to ({}) m", place(from), place(to))
 }
 
 /// A radius whose volume many spheres exceed on average \[m\]: the least of the distribution, or of one with

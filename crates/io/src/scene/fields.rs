@@ -198,7 +198,8 @@ static PARTICLES: TableSpec = TableSpec {
         Field::new("material", Kind::Reference(Names::Material), "Their material.").optional("named by the file's column `material`"),
         Field::new("file", Kind::Path, "CSV file with a header naming x, y, z and R [m], or with units as `R [mm]`; optionally vx, vy, vz [m/s], \
              wx, wy, wz [rad/s] and material, which then count. Or VTU or VTP with an array radius; optionally \
-             velocity, angular_velocity and material, the scene's materials counted from 0.")
+             velocity, angular_velocity and material, the scene's materials counted from 0. Or PLY with vertices of x, y, z \
+             and radius, optionally vx, vy, vz, wx, wy, wz and material, a number too.")
             .optional("the particles are generated"),
         Field::new("count", Kind::Integer, "How many to generate.").optional("the particles are read from `file`").at_least(1.0).at_most(4e9),
         Field::new("radius", Kind::Either(&[LENGTH, Kind::Table(&SIZES)]), "Radius [m], or a distribution of radii.")
@@ -297,7 +298,12 @@ static GEOMETRY: TableSpec = TableSpec {
             .optional("another shape"),
         Field::new("plane", Kind::Table(&PLANE), "An unbounded plane.").optional("another shape"),
         Field::new("sweep", Kind::Table(&SWEEP), "A cultivator sweep.").optional("another shape"),
-        Field::new("drum", Kind::Table(&DRUM), "A cylinder centred at the origin.").optional("another shape"),
+        Field::new("drum", Kind::Table(&DRUM), "A cylinder of flat pieces centred at the origin.")
+            .optional("another shape"),
+        Field::new("cylinder", Kind::Table(&CYLINDER), "An exactly round cylinder centred at the origin.")
+            .optional("another shape"),
+        Field::new("cone", Kind::Table(&CONE), "An exactly round cone, cut off, that begins at the origin.")
+            .optional("another shape"),
         Field::new("hopper", Kind::Table(&HOPPER), "A funnel about z, its outlet at z = 0.")
             .optional("another shape"),
         Field::new(
@@ -315,6 +321,8 @@ static GEOMETRY: TableSpec = TableSpec {
     rules: &[
         Rule::ExactlyOne(SHAPES),
         Rule::Excludes("plane", &["scale", "rotate"]),
+        Rule::Excludes("cylinder", &["scale"]),
+        Rule::Excludes("cone", &["scale"]),
         Rule::Needs("unit", &["file"]),
     ],
 };
@@ -323,7 +331,7 @@ static GEOMETRY: TableSpec = TableSpec {
 const FILE_UNITS: &[&str] = &["m", "cm", "mm", "um", "km", "in", "ft"];
 
 /// The keys of a geometry that give its shape.
-pub(crate) const SHAPES: &[&str] = &["file", "box", "plane", "sweep", "drum", "hopper"];
+pub(crate) const SHAPES: &[&str] = &["file", "box", "plane", "sweep", "drum", "cylinder", "cone", "hopper"];
 
 static PLANE: TableSpec = TableSpec {
     doc: "An unbounded plane.",
@@ -393,6 +401,29 @@ static DRUM: TableSpec = TableSpec {
     rules: &[],
 };
 
+static CYLINDER: TableSpec = TableSpec {
+    doc: "An exactly round cylinder shell centred at the origin: both its sides act, and discs at its ends if they are closed.",
+    fields: &[
+        Field::new("radius", LENGTH, "Radius [m].").above(0.0),
+        Field::new("length", LENGTH, "Length along the axis [m].").above(0.0),
+        Field::new("axis", Kind::Direction, "Its axis.").or("\"y\""),
+        Field::new("ends", Kind::Bool, "Whether discs close its ends.").or("false"),
+    ],
+    rules: &[],
+};
+
+static CONE: TableSpec = TableSpec {
+    doc: "An exactly round shell whose radius changes evenly along its axis, from the origin on: both its sides act, and discs at its ends if they are closed.",
+    fields: &[
+        Field::new("start_radius", LENGTH, "Radius at the origin [m].").above(0.0),
+        Field::new("end_radius", LENGTH, "Radius at the other end [m].").above(0.0),
+        Field::new("length", LENGTH, "Length along the axis [m].").above(0.0),
+        Field::new("axis", Kind::Direction, "Its axis, from the origin to the other end.").or("\"z\""),
+        Field::new("ends", Kind::Bool, "Whether discs close its ends.").or("false"),
+    ],
+    rules: &[],
+};
+
 static HOPPER: TableSpec = TableSpec {
     doc: "A funnel about z, its outlet at z = 0.",
     fields: &[
@@ -421,6 +452,15 @@ static MOTION: TableSpec = TableSpec {
             .usual(-100.0, 100.0),
         Field::new("rotation", Kind::Table(&ROTATION), "Steady rotation.").optional("none"),
         Field::new("oscillation", Kind::Table(&OSCILLATION), "Oscillating translation.").optional("none"),
+        Field::new(
+            "poses",
+            Kind::Path,
+            "CSV file with a header naming time [s], x, y, z [m] and, if it turns, qw, qx, qy, qz or the rotation vector \
+             rx, ry, rz [rad], each with a unit if need be, such as `x [mm]`. Time counts from the beginning of the \
+             motion; the surface goes and turns about its origin as the rows do, seen from the first row, straight \
+             and evenly between rows; it rests before the first and after the last.",
+        )
+        .optional("none"),
     ],
     rules: &[],
 };

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use glebe_engine::generate::SizeDistribution;
 use glebe_engine::spec::{
-    Component, Guards, Motion, Oscillation, Rotation, Sampling, Side, Step, Time, Until, Vec3, Window,
+    Component, Frustum, Guards, Motion, Oscillation, Rotation, Sampling, Side, Step, Time, Until, Vec3,
+    Window,
 };
 use glebe_physics::{ContactModel, Material, Mixing, PairOverride, ShearModulusRule};
 
@@ -114,7 +115,7 @@ pub struct ParticlePart {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum Origin {
-    /// A CSV, VTU or VTP file, relative to the scene.
+    /// A CSV, VTU, VTP or PLY file, relative to the scene.
     File(Located<PathBuf>),
     /// Generated.
     Generated {
@@ -151,7 +152,7 @@ pub struct GeometryPart {
     /// Shift after turning \[m\].
     pub translate: Vec3,
     /// How it moves in stages that do not say otherwise.
-    pub motion: Motion,
+    pub motion: MotionPart,
 }
 
 /// The shape of a tool or wall.
@@ -189,6 +190,8 @@ pub enum GeometryShape {
         /// Whether its ends are closed.
         ends: bool,
     },
+    /// An exactly round cylinder or cone.
+    Round(Frustum),
     /// A funnel about z with its outlet at z = 0.
     Hopper {
         /// Radius at z = 0 \[m\].
@@ -221,11 +224,13 @@ pub struct StagePart {
     pub measures: Vec<MeasurePart>,
 }
 
-/// A motion whose rotation may leave its centre to the surface.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A motion whose rotation may leave its centre to the surface, and whose table is in a file.
+#[derive(Clone, Debug, Default)]
 pub struct MotionPart {
-    /// The motion.
+    /// The motion, without its table.
     pub motion: Motion,
+    /// The table of poses, relative to the scene.
+    pub poses: Option<Located<PathBuf>>,
     /// Whether the rotation's centre is the surface's origin instead of the one in `motion`.
     pub about_origin: bool,
 }
@@ -565,6 +570,18 @@ fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> G
             segments: count(t),
             ends: t.flag("ends"),
         },
+        ("cylinder", Some(t)) => GeometryShape::Round(Frustum {
+            axis: t.vector("axis"),
+            ends: [-0.5 * t.number("length"), 0.5 * t.number("length")],
+            radii: [t.number("radius"); 2],
+            closed: t.flag("ends"),
+        }),
+        ("cone", Some(t)) => GeometryShape::Round(Frustum {
+            axis: t.vector("axis"),
+            ends: [0.0, t.number("length")],
+            radii: [t.number("start_radius"), t.number("end_radius")],
+            closed: t.flag("ends"),
+        }),
         ("hopper", Some(t)) => GeometryShape::Hopper {
             outlet_radius: t.number("outlet_radius"),
             top_radius: t.number("top_radius"),
@@ -574,12 +591,6 @@ fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> G
         _ => GeometryShape::File(PathBuf::from(record.text("file"))),
     };
     let translate = record.vector("translate");
-    let mut motion = record.table("motion").map(motion);
-    if let Some(MotionPart { motion: Motion { rotation: Some(rotation), .. }, about_origin: true }) =
-        &mut motion
-    {
-        rotation.center = translate;
-    }
     GeometryPart {
         name: name.clone(),
         material: record.text("material"),
@@ -587,7 +598,7 @@ fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> G
         scale: scale.map(|factor| factor * unit),
         rotate: record.list("rotate").iter().map(|t| (t.vector("axis"), t.number("angle"))).collect(),
         translate,
-        motion: motion.map(|m| m.motion).unwrap_or_default(),
+        motion: record.table("motion").map(motion).unwrap_or_default(),
     }
 }
 
@@ -624,7 +635,9 @@ fn motion(t: &Record) -> MotionPart {
         frequency: o.number("frequency"),
         phase: o.number("phase"),
     });
-    MotionPart { motion: Motion { velocity: t.vector("velocity"), rotation, oscillation }, about_origin }
+    let motion = Motion { velocity: t.vector("velocity"), rotation, oscillation, poses: None };
+    let poses = t.located_if("poses").map(|p| Located { value: PathBuf::from(p.value), place: p.place });
+    MotionPart { motion, poses, about_origin }
 }
 
 fn stages(file: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> Vec<StagePart> {
@@ -702,9 +715,11 @@ fn measured_surface_moves(
     geometry: &[GeometryPart],
     checker: &mut Checker,
 ) {
-    let own = geometry.iter().find(|g| g.name.value == measure.surface).map(|g| g.motion);
-    let moved = stage.moves.iter().find(|(name, _)| *name == measure.surface).map(|(_, m)| m.motion);
-    let moves = moved.or(own).is_none_or(|m| m.velocity != [0.0; 3] || m.oscillation.is_some());
+    let own = geometry.iter().find(|g| g.name.value == measure.surface).map(|g| &g.motion);
+    let moved = stage.moves.iter().find(|(name, _)| *name == measure.surface).map(|(_, m)| m);
+    let moves = moved
+        .or(own)
+        .is_none_or(|m| m.motion.velocity != [0.0; 3] || m.motion.oscillation.is_some() || m.poses.is_some());
     let needs = matches!(measure.window, Window::Displacement(..)) || measure.component == Component::Draught;
     if needs && !moves {
         let key = if measure.component == Component::Draught { "of" } else { "over_displacement" };

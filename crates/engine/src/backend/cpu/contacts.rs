@@ -1,6 +1,6 @@
 //! Forces: candidates that touch are gathered into lanes, evaluated and scattered.
 
-use super::super::common::Standing;
+use super::super::common::{Standing, shown};
 use super::lanes::{LANES, Lanes, Pair};
 use super::list::{Block, Pull, Touching};
 use crate::lattice::{add, sub};
@@ -45,7 +45,7 @@ pub struct SurfacePull {
     pub local: u32,
     /// Boundary.
     pub boundary: u32,
-    /// Triangle.
+    /// Triangle, or part of a shell in a step, else the triangle that shows it.
     pub triangle: u32,
     /// Force on the particle \[N\].
     pub force: [f32; 3],
@@ -419,7 +419,12 @@ fn scatter_surfaces(
         found.surface.push(SurfacePull {
             local,
             boundary: m.boundary,
-            triangle: m.at.triangle,
+            triangle: if ph.purpose == Purpose::Step {
+                m.at.triangle
+            } else {
+                let b = m.boundary as usize;
+                shown(&ph.c.boundaries[b], &ph.standing[b], m.arm, m.at.triangle)
+            },
             force,
             torque,
             drain: [of(&lanes.dash), of(&lanes.drain[0])],

@@ -62,10 +62,10 @@ pub struct Patch {
     pub contacts: Vec<Touching>,
 }
 
-/// A triangle near a particle.
+/// A triangle, or a part of a shell of revolution, near a particle.
 #[derive(Clone, Copy, Debug)]
 pub struct Facet {
-    /// Triangle.
+    /// Triangle or part.
     pub triangle: u32,
     /// Image of the particle that is near, in periods along each axis.
     pub shift: [i32; 3],
@@ -319,9 +319,8 @@ impl Search<'_> {
     fn surfaces(&self, block: &mut Block, boundaries: &[Option<Pose>]) {
         let count = block.start.len() - 1;
         let mut near = Vec::new();
-        let span = |(b, pose): (usize, &Option<Pose>)| match &self.c.boundaries[b].shape {
-            BoundaryShape::Mesh(_, bvh) => Span::new(self.c, bvh, pose.as_ref()?),
-            BoundaryShape::Plane(_) => None,
+        let span = |(b, pose): (usize, &Option<Pose>)| {
+            Span::new(self.c, &self.c.boundaries[b].shape, pose.as_ref()?)
         };
         let spans: Vec<Option<Span>> = boundaries.iter().enumerate().map(span).collect();
         for local in 0..count {
@@ -335,6 +334,20 @@ impl Search<'_> {
                         let n = crate::surface::rotate(pose.rotation, *normal);
                         if dot(n, sub(at, pose.translation)) < reach {
                             block.patches.push(patch(local, b, (0, 0)));
+                        }
+                    }
+                    BoundaryShape::Frustum(frustum) => {
+                        let begin = block.facets.len();
+                        let axis = crate::surface::rotate(pose.rotation, frustum.axis);
+                        for shift in spans[b].iter().flat_map(|span| span.images(self.c, at, reach)) {
+                            let x = sub(self.c.shifted(at, shift), pose.translation);
+                            let near = |part: &u32| frustum.touch(axis, x, *part, shift, reach).is_some();
+                            let parts = (0..frustum.parts()).filter(near);
+                            block.facets.extend(parts.map(|part| Facet { triangle: part, shift }));
+                        }
+                        let end = block.facets.len();
+                        if end > begin {
+                            block.patches.push(patch(local, b, (begin as u32, end as u32)));
                         }
                     }
                     BoundaryShape::Mesh(mesh, bvh) => {

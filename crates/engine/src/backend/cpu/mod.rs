@@ -32,9 +32,7 @@ use super::worlds::{World, Worlds};
 use super::{Detail, Moment, PhaseTimes};
 use crate::failure::Failure;
 use crate::lattice::norm;
-use crate::setup::{
-    BoundaryShape, Constants, REBUILT_LATE, REBUILT_SOON, SKIN_MAX, SKIN_MIN, SKIN_NARROWER, SKIN_WIDER,
-};
+use crate::setup::{Constants, REBUILT_LATE, REBUILT_SOON, SKIN_MAX, SKIN_MIN, SKIN_NARROWER, SKIN_WIDER};
 use crate::spec::Pose;
 use crate::state::{Particles, Progress, Spin, State, Velocity};
 
@@ -162,11 +160,7 @@ impl World for CpuWorld {
         let found = self.look(g);
         let mut d = Detail { coordination: vec![0; self.p.len()], ..Detail::default() };
         for s in 0..self.c.spec.surfaces.len() {
-            let triangles = match &self.c.boundaries[s].shape {
-                BoundaryShape::Mesh(mesh, _) => mesh.triangles.len(),
-                BoundaryShape::Plane(_) => 1,
-            };
-            d.on_triangles.push(vec![[0.0; 3]; triangles]);
+            d.on_triangles.push(vec![[0.0; 3]; self.c.boundaries[s].shape.triangles()]);
         }
         for (block, f) in self.blocks.iter().zip(&found) {
             for pair in &f.pairs {

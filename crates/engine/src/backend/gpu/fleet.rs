@@ -20,7 +20,7 @@ use crate::backend::common::{Portrait, leavers, overlap_failure, runaway_failure
 use crate::backend::cpu::CpuFleet;
 use crate::backend::{Detail, Fleet, Job, Moment, PhaseTimes};
 use crate::failure::Failure;
-use crate::setup::Constants;
+use crate::setup::{BoundaryShape, Constants};
 use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
 
 /// Most steps between two looks at a world by the host.
@@ -112,6 +112,7 @@ fn signature(c: &Constants, fused: bool) -> Signature {
         integrator: c.spec.time.integrator,
         ledger: c.spec.sampling.energy_ledger,
         surfaces: !c.boundaries.is_empty(),
+        rounds: c.boundaries.iter().any(|b| matches!(b.shape, BoundaryShape::Frustum(_))),
         damping: c.spec.local_damping > 0.0,
         merged: c.count <= MERGED,
         shape: Shape::of(c.count),

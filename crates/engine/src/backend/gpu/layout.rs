@@ -51,6 +51,8 @@ pub struct Signature {
     pub ledger: bool,
     /// Whether there are boundaries.
     pub surfaces: bool,
+    /// Whether some are shells of revolution.
+    pub rounds: bool,
     /// Whether there is local damping.
     pub damping: bool,
     /// Whether a step is one launch, contacts with surfaces included. It saves the time of a launch, which small
@@ -249,14 +251,14 @@ pub mod halt {
 /// Words of the table of boundaries.
 pub mod boundary {
     /// Words per boundary.
-    pub const WORDS: u32 = 16;
+    pub const WORDS: u32 = 48;
     /// First pose, in words.
     pub const POSE: u32 = 0;
     /// Words from the pose of a step to that of the next; 0 if it stands still.
     pub const STRIDE: u32 = 1;
     /// Material.
     pub const MATERIAL: u32 = 2;
-    /// First triangle, or `NONE` for a plane.
+    /// First triangle, or `NONE` but for a mesh.
     pub const TRIANGLES: u32 = 3;
     /// First vertex.
     pub const VERTICES: u32 = 4;
@@ -270,6 +272,12 @@ pub mod boundary {
     pub const ORDER: u32 = 8;
     /// Images in which particles may meet it, along each axis, as `IMAGE_ZERO` and more: lowest (3), highest (3).
     pub const IMAGES: u32 = 9;
+    /// Parts of a shell of revolution, or 0.
+    pub const PARTS: u32 = 15;
+    /// Its lines in the plane of ρ and h: where they begin (2), along (2), length, each leading part and rest.
+    pub const LINES: u32 = 16;
+    /// Words of a line.
+    pub const LINE: u32 = 10;
 }
 
 /// Words of a pose.
@@ -282,7 +290,7 @@ pub mod pose {
     pub const ROTATION: u32 = 9;
     /// Velocity of the origin (3), angular velocity (3).
     pub const VELOCITY: u32 = 27;
-    /// Normal of a plane: leading parts (3), rests (3).
+    /// Normal of a plane or axis of a shell of revolution: leading parts (3), rests (3).
     pub const NORMAL: u32 = 33;
     /// 1 if it is there.
     pub const PRESENT: u32 = 39;

@@ -21,6 +21,7 @@ mod layout;
 mod lists;
 mod pair;
 pub mod probe;
+mod round;
 mod rows;
 mod scan;
 mod step;

@@ -8,6 +8,7 @@ use super::layout::{
     F4, FACET_WORDS, IMAGE_BITS, NONE, SLOTS, Signature, U4, boundary, flag, float_at, halt, pose, status,
     world,
 };
+use super::round::round_facing;
 use super::step::quad;
 use super::surfaces::{Spot, facing, from_origin, height_above, into_body, roughly, roughly_into_body};
 
@@ -61,7 +62,7 @@ fn write(facets: &mut Array<u32>, at: u32, triangle: u32, boundary: u32, image: 
     facets[(w + 2u32) as usize] = image;
 }
 
-/// Counts the planes and triangles within reach of a particle's reference, or writes them.
+/// Counts the planes, triangles and parts of shells within reach of a particle's reference, or writes them.
 #[cube]
 fn near(
     w: u32,
@@ -105,7 +106,33 @@ fn near(
                         // Most particles are far from most boundaries, which a rough look tells.
                         let rough = roughly(worlds, c, poses, at, p, image, comptime!(s.orthogonal));
                         let blur = ROUGH * (f32::abs(rough.x) + f32::abs(rough.y) + f32::abs(rough.z));
-                        if may_meet(poses, at, nodes, first_node, triangles == NONE, rough, far + blur) {
+                        let parts = if comptime!(s.rounds) {
+                            bounds[(bt + boundary::PARTS) as usize]
+                        } else {
+                            0u32.runtime()
+                        };
+                        if parts > 0u32 {
+                            let x = from_origin(
+                                worlds,
+                                c,
+                                poses,
+                                at,
+                                p,
+                                image,
+                                comptime!(s.fused),
+                                comptime!(s.orthogonal),
+                            );
+                            for part in 0..parts {
+                                let f = round_facing(bounds, bt, poses, at, part, x, r, comptime!(s.fused));
+                                if f.gap.delta > 0.0f32 - beyond {
+                                    if comptime!(writes) {
+                                        write(facets, from + found, part, b, image);
+                                    }
+                                    found += 1u32;
+                                }
+                            }
+                        } else if may_meet(poses, at, nodes, first_node, triangles == NONE, rough, far + blur)
+                        {
                             let x = from_origin(
                                 worlds,
                                 c,

@@ -16,6 +16,7 @@ use super::layout::{
     halt, pose, world,
 };
 use super::pair::{Meeting, interact, inverse_inertia};
+use super::round::round_facing;
 use super::step::{Purpose, Sums, bits3, first3, four, quad, turned};
 
 /// Metres per unit: entry `k` of the matrix by rows, of the world whose table begins at `c`.
@@ -210,19 +211,21 @@ fn into_world(poses: &Array<u32>, at: u32, n: V3) -> V3 {
     }
 }
 
+/// The normal of a plane, or the axis of a shell of revolution.
+#[cube]
+pub fn normal_of(poses: &Array<u32>, at: u32) -> Two3 {
+    let n = at + pose::NORMAL;
+    Two3 {
+        x: Two { h: float_at(poses, n), l: float_at(poses, n + 3u32) },
+        y: Two { h: float_at(poses, n + 1u32), l: float_at(poses, n + 4u32) },
+        z: Two { h: float_at(poses, n + 2u32), l: float_at(poses, n + 5u32) },
+    }
+}
+
 /// Height of a place above a plane \[m\], from its origin.
 #[cube]
 pub fn height_above(poses: &Array<u32>, at: u32, x: Two3, #[comptime] fused: bool) -> Two {
-    let n = at + pose::NORMAL;
-    dot2(
-        x,
-        Two3 {
-            x: Two { h: float_at(poses, n), l: float_at(poses, n + 3u32) },
-            y: Two { h: float_at(poses, n + 1u32), l: float_at(poses, n + 4u32) },
-            z: Two { h: float_at(poses, n + 2u32), l: float_at(poses, n + 5u32) },
-        },
-        fused,
-    )
+    dot2(x, normal_of(poses, at), fused)
 }
 
 #[cube]
@@ -232,7 +235,7 @@ fn vertex(verts: &Array<F4>, at: u32) -> Two3 {
     Two3 { x: Two { h: h[0], l: l[0] }, y: Two { h: h[1], l: l[1] }, z: Two { h: h[2], l: l[2] } }
 }
 
-/// A place where a triangle is closest to a sphere's centre, in the mesh's frame.
+/// A place where a triangle is closest to a sphere's centre, in the mesh's frame, or a part of a shell, in the world.
 #[derive(CubeType, Clone, Copy)]
 pub struct Facing {
     /// Where, and how far.
@@ -423,7 +426,17 @@ pub fn surfaces_of(
             let mut size = 0.0f32;
             let mut delta = (0.0f32 - 1.0e30f32).runtime();
             let mut order = 0u32;
-            if triangles == NONE {
+            let parts =
+                if comptime!(s.rounds) { bounds[(bt + boundary::PARTS) as usize] } else { 0u32.runtime() };
+            if parts > 0u32 {
+                let f = round_facing(bounds, bt, poses, at, triangle, x, r, comptime!(s.fused));
+                ux = f.gap.n.x;
+                uy = f.gap.n.y;
+                uz = f.gap.n.z;
+                size = f.gap.distance;
+                delta = f.gap.delta;
+                order = f.rank;
+            } else if triangles == NONE {
                 let h = height_above(poses, at, x, comptime!(s.fused));
                 size = f32::abs(h.h);
                 let sign = select(h.h > 0.0f32, 1.0f32, 0.0f32 - 1.0f32);

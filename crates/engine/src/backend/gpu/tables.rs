@@ -145,6 +145,15 @@ impl Meshes {
             row[boundary::MATERIAL as usize] = b.material as u32;
             row[boundary::SURFACE as usize] = b.surface.map_or(NONE, |s| s as u32);
             row[boundary::TRIANGLES as usize] = NONE;
+            if let BoundaryShape::Frustum(frustum) = &b.shape {
+                row[boundary::PARTS as usize] = frustum.parts();
+                for (k, line) in (0..).zip(frustum.segments()) {
+                    let numbers = line.from.into_iter().chain(line.along).chain([line.length]);
+                    for (at, x) in (0..).zip(numbers) {
+                        put(&mut row, boundary::LINES + k * boundary::LINE + 2 * at, &split(x));
+                    }
+                }
+            }
             if let BoundaryShape::Mesh(mesh, bvh) = &b.shape {
                 row[boundary::TRIANGLES as usize] = self.triangles.len() as u32;
                 row[boundary::VERTICES as usize] = (self.vertices.len() / 2) as u32;
@@ -187,7 +196,12 @@ fn words(c: &Constants, b: usize, placed: &Placed, present: bool, path: f64) -> 
     }
     put(&mut w, pose::VELOCITY, &placed.velocity.map(|x| (x as f32).to_bits()));
     put(&mut w, pose::VELOCITY + 3, &placed.spin.map(|x| (x as f32).to_bits()));
-    if let BoundaryShape::Plane(n) = &c.boundaries[b].shape {
+    let normal = match &c.boundaries[b].shape {
+        BoundaryShape::Plane(n) => Some(n),
+        BoundaryShape::Frustum(frustum) => Some(&frustum.axis),
+        BoundaryShape::Mesh(..) => None,
+    };
+    if let Some(n) = normal {
         let n = rotate(placed.pose.rotation, *n);
         for k in 0..3 {
             let [h, l] = split(n[k]);
@@ -233,9 +247,7 @@ pub fn stand(
                 }
                 path += strays(c, bound, &before, &placed.pose);
                 before = placed.pose;
-                if let BoundaryShape::Mesh(_, bvh) = &bound.shape
-                    && let Some(span) = Span::new(c, bvh, &placed.pose)
-                {
+                if let Some(span) = Span::new(c, &bound.shape, &placed.pose) {
                     for k in 0..3 {
                         let [low, high] = span.all_images(c, k, c.cutoff());
                         range[k] = [range[k][0].min(low), range[k][1].max(high)];

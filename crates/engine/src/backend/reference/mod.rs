@@ -19,7 +19,7 @@ use glebe_physics::kernel64::vector::{V3, cross, dot, minus, plus, scaled};
 use self::contact::{Meeting, Pull};
 use self::motion::{Motion, Moved};
 use super::common::{
-    Portrait, Standing, outside, overlap_failure, quoted, runaway_failure, too_deep, unload,
+    Portrait, Standing, outside, overlap_failure, quoted, runaway_failure, shown, too_deep, unload,
 };
 use super::worlds::{World, Worlds};
 use super::{Detail, Moment};
@@ -179,11 +179,7 @@ impl World for ReferenceWorld {
         self.stand(g);
         let mut d = Detail { coordination: vec![0; self.bodies.len()], ..Detail::default() };
         for s in 0..self.c.spec.surfaces.len() {
-            let triangles = match &self.c.boundaries[s].shape {
-                BoundaryShape::Mesh(mesh, _) => mesh.triangles.len(),
-                BoundaryShape::Plane(_) => 1,
-            };
-            d.on_triangles.push(vec![[0.0; 3]; triangles]);
+            d.on_triangles.push(vec![[0.0; 3]; self.c.boundaries[s].shape.triangles()]);
         }
         for contact in self.contacts_now() {
             d.coordination[contact.i] += 1;
@@ -195,7 +191,9 @@ impl World for ReferenceWorld {
                 }
                 Partner::Surface { boundary, triangle } => {
                     if let Some(s) = self.c.boundaries[boundary].surface {
-                        let on = &mut d.on_triangles[s][triangle];
+                        let (shape, standing) = (&self.c.boundaries[boundary], &self.standing[boundary]);
+                        let triangle = shown(shape, standing, array(contact.arm), triangle as u32);
+                        let on = &mut d.on_triangles[s][triangle as usize];
                         *on = sub(*on, array(contact.pull.force));
                     }
                 }
@@ -381,11 +379,14 @@ impl ReferenceWorld {
         let (shape, standing) = (&self.c.boundaries[boundary], &self.standing[boundary]);
         let (center, reach) = (b.inside(&self.c), b.radius + self.c.range);
         let mut facets = Vec::new();
-        if let BoundaryShape::Mesh(mesh, bvh) = &shape.shape {
-            let span = Span::new(&self.c, bvh, &standing.placed.pose);
-            for shift in span.iter().flat_map(|span| span.images(&self.c, center, reach)) {
-                facets.extend((0..mesh.triangles.len() as u32).map(|t| (t, shift)));
-            }
+        let count = match &shape.shape {
+            BoundaryShape::Plane(_) => 0,
+            BoundaryShape::Mesh(mesh, _) => mesh.triangles.len() as u32,
+            BoundaryShape::Frustum(frustum) => frustum.parts(),
+        };
+        let span = Span::new(&self.c, &shape.shape, &standing.placed.pose);
+        for shift in span.iter().flat_map(|span| span.images(&self.c, center, reach)) {
+            facets.extend((0..count).map(|facet| (facet, shift)));
         }
         let mut points = Vec::new();
         standing.touches(&self.c, shape, center, reach, facets.into_iter(), &mut points);
