@@ -8,6 +8,7 @@ use serde::Serialize;
 use crate::backend::{Backend, Detail, Fleet, Job, Moment, PhaseTimes};
 use crate::failure::{Failure, SetupError};
 use crate::lattice::dot;
+use crate::measure::Interior;
 use crate::setup::{Constants, prepare};
 use crate::spec::{Action, Pose, Vec3, WorldSpec};
 use crate::state::{Ledger, MeasureState, Progress, StageResult, State, draught};
@@ -53,6 +54,8 @@ pub struct Sample {
     pub particles: usize,
     /// Each surface of the specification.
     pub surfaces: Vec<SurfaceSample>,
+    /// Stress, strain and fabric of a sample ([`Constants::is_sample`]).
+    pub interior: Option<Interior>,
 }
 
 /// A surface in a sample.
@@ -526,6 +529,7 @@ impl World {
         ledger.potential = m.potential;
         ledger.elastic_normal = m.elastic_normal;
         ledger.elastic_tangential = m.elastic_tangential;
+        let (cell, strain) = c.cell(g);
         let n = g.impulse_steps.max(1) as f64;
         let surfaces = (0..c.spec.surfaces.len())
             .map(|s| {
@@ -558,6 +562,7 @@ impl World {
             speed: m.speed,
             particles: self.particles,
             surfaces,
+            interior: m.tensors.map(|t| Interior::new(&t, &cell, &strain, self.particles, m.contacts)),
         }
     }
 }

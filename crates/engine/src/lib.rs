@@ -6,6 +6,7 @@ pub mod backend;
 pub mod batch;
 pub mod generate;
 pub mod lattice;
+pub mod measure;
 pub mod spec;
 pub mod state;
 pub mod surface;

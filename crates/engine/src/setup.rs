@@ -6,7 +6,7 @@ use glebe_physics as physics;
 use glebe_physics::{Impact, Laws, PairCoefficients, PairOverride, PairProperties};
 
 use crate::failure::SetupError;
-use crate::lattice::{Lattice, UNITS, add, cross, dot, mul, norm, scale, sub};
+use crate::lattice::{Lattice, Vec3x3, add, cross, dot, mul, norm, scale, sub};
 use crate::spec::{
     Action, Component, Motion, ParticleSet, Pose, Rotation, Shape, Side, Step, Surface, TriMesh, Vec3,
     WorldSpec,
@@ -120,11 +120,13 @@ impl Constants {
     pub fn shifted(&self, x: Vec3, shift: [i32; 3]) -> Vec3 {
         if shift == [0; 3] { x } else { add(x, mul(&self.spec.domain.cell, shift.map(f64::from))) }
     }
-    /// A difference of places in periods of the cell, 0 along axes that do not wrap.
-    pub fn periods(&self, d: Vec3) -> Vec3 {
-        let l = &self.lattice;
-        let units = mul(&l.inverse, d);
-        [0, 1, 2].map(|k| if l.periodic[k] { units[k] / (f64::from(l.windows[k]) * UNITS) } else { 0.0 })
+    /// The cell matrix \[m\] and the strain since the start \[-\].
+    pub fn cell(&self, _g: &Progress) -> (Vec3x3, Vec3x3) {
+        (self.spec.domain.cell, [[0.0; 3]; 3])
+    }
+    /// Whether the world is a sample: periodic along all axes, without surfaces. Its stress and fabric are measured.
+    pub fn is_sample(&self) -> bool {
+        self.lattice.periodic == [true; 3] && self.boundaries.is_empty()
     }
     /// A distance \[m\] across an axis, in periods.
     pub fn periods_high(&self, axis: usize, distance: f64) -> f64 {

@@ -23,6 +23,7 @@ mod periodic;
 mod precision;
 mod reach;
 mod restitution;
+mod samples;
 mod support;
 
 macro_rules! tests {
@@ -63,6 +64,9 @@ macro_rules! backend_suite {
                 leaving::trimmed_particles_take_their_springs_along,
                 periodic::a_blade_is_felt_however_far_it_goes,
                 periodic::the_ledger_closes_through_seams,
+                samples::stress_of_a_cubic_lattice,
+                samples::stress_of_a_pair_through_seams,
+                samples::stress_of_a_gas,
                 precision::creep_is_not_lost,
                 precision::resting_overlap,
                 precision::a_packing_at_50_pa_stays_at_rest,

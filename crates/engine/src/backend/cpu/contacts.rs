@@ -62,8 +62,12 @@ pub struct SurfacePull {
 pub struct PairSeen {
     /// The two particles.
     pub of: [u32; 2],
+    /// From the first to the nearest image of the second \[m\].
+    pub branch: Vec3,
     /// Force on the first \[N\].
     pub force: [f32; 3],
+    /// Stiffness of the normal spring \[N/m\].
+    pub stiffness: f32,
     /// Energy of the normal and of the tangential spring \[J\].
     pub energy: [f32; 2],
 }
@@ -247,7 +251,9 @@ fn flush_pairs(
     if ph.purpose == Purpose::Observe {
         found.pairs.extend((0..used).map(|l| PairSeen {
             of: [owner[l].i, owner[l].j],
+            branch: [0, 1, 2].map(|x| lanes.d[x][l]),
             force: of(&lanes.force, l),
+            stiffness: lanes.stiffness[l],
             energy: [lanes.energy_normal[l], lanes.energy_before[l]],
         }));
         return;

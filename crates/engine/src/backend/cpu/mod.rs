@@ -32,6 +32,7 @@ use super::worlds::{World, Worlds};
 use super::{Detail, Moment, PhaseTimes};
 use crate::failure::Failure;
 use crate::lattice::norm;
+use crate::measure::Tensors;
 use crate::setup::{
     BoundaryShape, Constants, REBUILT_LATE, REBUILT_SOON, SKIN_MAX, SKIN_MIN, SKIN_NARROWER, SKIN_WIDER,
 };
@@ -129,7 +130,8 @@ impl World for CpuWorld {
 
     fn observe(&mut self, g: &Progress) -> Moment {
         let mut m = Moment::default();
-        for f in self.look(g) {
+        let found = self.look(g);
+        for f in &found {
             m.elastic_normal += f.energy_normal;
             m.elastic_tangential += f.energy_before;
             m.contacts += f.contacts[0];
@@ -155,6 +157,7 @@ impl World for CpuWorld {
             m.potential += s[2];
             m.speed = m.speed.max(s[3]);
         }
+        m.tensors = self.c.is_sample().then(|| self.tensors(&found));
         m
     }
 
@@ -495,6 +498,22 @@ impl CpuWorld {
         found.resize_with(self.blocks.len(), Found::default);
         each(&phase, &mut self.blocks, [&mut self.pull, &mut self.drain], &mut found);
         found
+    }
+
+    /// Sums over the contacts that were found.
+    fn tensors(&self, found: &[Found]) -> Tensors {
+        let mut t = Tensors::default();
+        let mut contacts = vec![0_u32; self.p.len()];
+        for pair in found.iter().flat_map(|f| &f.pairs) {
+            t.add_contact(pair.branch, pair.force.map(f64::from), f64::from(pair.stiffness));
+            pair.of.into_iter().for_each(|i| contacts[i as usize] += 1);
+        }
+        for (i, n) in contacts.into_iter().enumerate() {
+            let v = self.p.velocity[i];
+            let mass = 1.0 / f64::from(v.inv_mass);
+            t.add_particle(mass, f64::from(self.p.place[i].radius), v.v.map(f64::from), n);
+        }
+        t
     }
 }
 

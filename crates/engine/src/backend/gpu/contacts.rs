@@ -13,7 +13,7 @@ use super::layout::{
     F4, NONE, PARTNER, SECOND, SLICE, Shape, Signature, TOUCHING, U4, float_at, status, world,
 };
 use super::pair::{Meeting, interact};
-use super::step::{Purpose, Sums, apart2, bits3, first3, four, pick, shared_push};
+use super::step::{Purpose, Sums, apart2, bits3, first3, four, pick, see_contact, shared_push};
 use super::surfaces::{metres, surfaces_of, too_deep};
 
 /// Candidates of a list that are looked at together: as many as a word has bits.
@@ -273,6 +273,7 @@ pub fn contacts_of(
     row_count: &mut Array<u32>,
     row_mem: &mut Array<F4>,
     push: &mut Array<F4>,
+    sights: &mut Array<f32>,
     #[comptime] s: Signature,
     #[comptime] purpose: Purpose,
 ) -> Sums {
@@ -286,6 +287,7 @@ pub fn contacts_of(
     let table = worlds[(c + world::PAIRS) as usize];
     let accounts = comptime!(s.ledger && purpose == Purpose::Step);
     let weighs = comptime!(s.ledger || purpose == Purpose::Observe);
+    let measures = comptime!(s.sample && purpose == Purpose::Observe);
     let merged = comptime!(s.near_blocks());
     // The last units of a block of particles near surfaces look at those.
     let units = comptime!(s.shape.units);
@@ -318,6 +320,7 @@ pub fn contacts_of(
     let mut worst = 0.0f32;
     let mut contacts = 0u32;
     let mut touches = 0u32;
+    let mut partners = 0.0f32;
 
     let mut begin = 0u32;
     let mut more = true;
@@ -455,6 +458,11 @@ pub fn contacts_of(
                         }
                     }
                     contacts += 1u32;
+                    if comptime!(measures) {
+                        // Where nothing is accounted this column is free: how many contacts each owner has.
+                        hx = 1.0f32;
+                        see_contact(sights, g.n, g.distance, e.force, e.stiffness);
+                    }
                     if comptime!(accounts) {
                         let dash = scaled(e.dash, sign);
                         let roll = pick(second, e.roll_b, e.roll_a);
@@ -592,6 +600,14 @@ pub fn contacts_of(
                     rz += p.a.z;
                 }
             }
+            if comptime!(measures) {
+                sync_cube();
+                hand(desk, V3 { x: hx, y: hy, z: hz }, V3 { x: ux, y: uy, z: uz }, units);
+                sync_cube();
+                if UNIT_POS < owners {
+                    partners += taken(desk, first, last - window, extra, units).a.x;
+                }
+            }
             window += width;
         }
         begin += CHUNK;
@@ -636,5 +652,6 @@ pub fn contacts_of(
         worst,
         contacts,
         touches,
+        partners,
     }
 }

@@ -10,8 +10,8 @@ use glebe_physics::IntegratorKind;
 use super::device::{Buffer, Device, MOST_BLOCKS, QUAD, Told, grid};
 use super::fault::Fault;
 use super::layout::{
-    BLOCK, FACET_WORDS, LOOK, MERGED, NONE, PAIR_QUADS, PARTNER, PERIOD, REFER, RELIST, SECOND, SIGHTS,
-    SLICE, SLOTS, SUMS, Shape, Signature, TOUCHING, boundary, flag, halt, pose, status, world,
+    BLOCK, FACET_WORDS, INNER, LOOK, MERGED, NONE, PAIR_QUADS, PARTNER, PERIOD, REFER, RELIST, SECOND,
+    SIGHTS, SLICE, SLOTS, SUMS, Shape, Signature, TOUCHING, boundary, flag, halt, inner, pose, status, world,
 };
 use super::step::Purpose;
 use super::tables::{Meshes, Region, Rooms, cell_room, pair_quads, stand, status_row, world_row};
@@ -20,6 +20,7 @@ use crate::backend::common::{Portrait, leavers, overlap_failure, runaway_failure
 use crate::backend::cpu::CpuFleet;
 use crate::backend::{Detail, Fleet, Job, Moment, PhaseTimes};
 use crate::failure::Failure;
+use crate::measure::Tensors;
 use crate::setup::Constants;
 use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
 
@@ -115,6 +116,7 @@ fn signature(c: &Constants, fused: bool) -> Signature {
         damping: c.spec.local_damping > 0.0,
         merged: c.count <= MERGED,
         shape: Shape::of(c.count),
+        sample: c.is_sample(),
         orthogonal: c.lattice.orthogonal,
         fused,
     }
@@ -460,7 +462,7 @@ impl Group {
             row_sums: device
                 .zeros(if signature.merged { 1 } else { (row_room + 1) * step::ROW_QUADS as usize }, QUAD),
             sums: device.zeros(1, 4),
-            sights: device.zeros(signature.blocks(n, row_room) * SIGHTS as usize, 4),
+            sights: device.zeros(signature.blocks(n, row_room) * signature.sights() as usize, 4),
             series: device.zeros(1, 4),
             bins: device.zeros(n, 4),
             counters: device.zeros(cells as usize, 4),
@@ -1170,8 +1172,13 @@ impl Group {
         let sights: Vec<f32> = device.read(&sights, 0, sights.len);
         let mut m = Moment::default();
         let mut twice = 0.0;
+        let mut inside = [0.0; INNER as usize];
         for block in self.blocks_of(w) {
-            let at = block * SIGHTS as usize;
+            let at = block * self.signature.sights() as usize;
+            if self.signature.sample {
+                let parts = &sights[at + SIGHTS as usize..];
+                inside.iter_mut().zip(parts).for_each(|(sum, part)| *sum += f64::from(*part));
+            }
             let s: [f64; SIGHTS as usize] = std::array::from_fn(|k| f64::from(sights[at + k]));
             m.translation += s[0];
             m.rotation += s[1];
@@ -1184,6 +1191,7 @@ impl Group {
             m.speed = m.speed.max(s[8].sqrt());
         }
         m.contacts = (0.5 * twice).round() as u64;
+        m.tensors = self.signature.sample.then(|| tensors(&inside));
         m
     }
 
@@ -1560,6 +1568,23 @@ impl Group {
         }
         found.sort_by_key(|m| (m.id, m.surface));
         found
+    }
+}
+
+/// The sums over a sample, from those of [`inner`].
+fn tensors(sums: &[f64; INNER as usize]) -> Tensors {
+    let at = |k: u32| sums[k as usize];
+    let symmetric = |k: u32| {
+        let [xx, yy, zz, xy, yz, zx] = [0, 1, 2, 3, 4, 5].map(|q| at(k + q));
+        [[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]]
+    };
+    Tensors {
+        contact: [0, 3, 6].map(|row| [0, 1, 2].map(|k| at(inner::CONTACT + row + k))),
+        kinetic: symmetric(inner::KINETIC),
+        fabric: symmetric(inner::FABRIC),
+        stiffness: at(inner::STIFFNESS),
+        solid: 4.0 / 3.0 * std::f64::consts::PI * at(inner::CUBES),
+        rattlers: [0, 1].map(|k| at(inner::RATTLERS + k).round() as u64),
     }
 }
 

@@ -58,6 +58,8 @@ pub struct Signature {
     pub merged: bool,
     /// What a block of a step is.
     pub shape: Shape,
+    /// Whether stress and fabric are measured.
+    pub sample: bool,
     /// Whether the cell is a box along the axes.
     pub orthogonal: bool,
     /// Whether the device's `fma` is fused.
@@ -74,6 +76,11 @@ impl Signature {
     pub fn blocks(&self, padded: usize, rows: usize) -> usize {
         let near = if self.near_blocks() { rows / self.shape.near as usize } else { 0 };
         padded / self.shape.owners as usize + near
+    }
+
+    /// Sums of an observation per block.
+    pub fn sights(&self) -> u32 {
+        SIGHTS + if self.sample { INNER } else { 0 }
     }
 
     /// Particles near surfaces that share a block.
@@ -311,6 +318,24 @@ pub const IMAGE_ZERO: i32 = 512;
 pub const SUMS: u32 = 8;
 /// Sums of an observation per block.
 pub const SIGHTS: u32 = 10;
+/// Further ones of a sample, see [`inner`].
+pub const INNER: u32 = 27;
+
+/// Sums over contacts and particles of a sample.
+pub mod inner {
+    /// Branch times force on the partner, by rows (9).
+    pub const CONTACT: u32 = 0;
+    /// Normal times normal: xx, yy, zz, xy, yz, zx.
+    pub const FABRIC: u32 = 9;
+    /// Stiffness times the square of the branch.
+    pub const STIFFNESS: u32 = 15;
+    /// Mass times velocity times velocity: xx, yy, zz, xy, yz, zx.
+    pub const KINETIC: u32 = 16;
+    /// Cubes of radii.
+    pub const CUBES: u32 = 22;
+    /// Particles without a contact, and with one.
+    pub const RATTLERS: u32 = 23;
+}
 
 /// A float of a table.
 #[cube]

@@ -10,8 +10,8 @@ use glebe_physics::kernel::vector::{V3, dot, plus, scaled};
 use super::compensated::{sum, tidy};
 use super::contacts::{COLUMNS, contacts_of, desk, seat};
 use super::layout::{
-    BLOCK, F4, LOOK, NONE, SIGHTS, SLOTS, SUMS, Signature, U4, active, boundary, flag, float_at, halt, pose,
-    quick, status, world,
+    BLOCK, F4, INNER, LOOK, NONE, SIGHTS, SLOTS, SUMS, Signature, U4, active, boundary, flag, float_at, halt,
+    inner, pose, quick, status, world,
 };
 use super::pair::inverse_inertia;
 use super::surfaces::surfaces_of;
@@ -60,6 +60,8 @@ pub struct Sums {
     pub contacts: u32,
     /// Contacts with surfaces.
     pub touches: u32,
+    /// Contacts of the owner with particles, where a sample is looked at.
+    pub partners: f32,
 }
 
 /// A rounding of small angles and such needs no sign of zero: the vector of zeros.
@@ -321,6 +323,7 @@ fn on_surfaces(row_sums: &Array<F4>, row: u32) -> Sums {
         worst: f[2],
         contacts: 0u32,
         touches: u32::cast_from(f[3]),
+        partners: 0.0f32,
     }
 }
 
@@ -440,7 +443,37 @@ pub fn nothing() -> Sums {
         worst: 0.0f32,
         contacts: 0u32,
         touches: 0u32,
+        partners: 0.0f32,
     }
+}
+
+/// Half of what a contact adds to the sums of a sample, see [`inner`]; the other half is seen from the other side.
+#[cube]
+pub fn see_contact(sights: &mut Array<f32>, n: V3, distance: f32, force: V3, stiffness: f32) {
+    let half = 0.5f32 * distance;
+    // `force` acts on the first, sums are of that on the second.
+    sights[0] -= half * n.x * force.x;
+    sights[1] -= half * n.x * force.y;
+    sights[2] -= half * n.x * force.z;
+    sights[3] -= half * n.y * force.x;
+    sights[4] -= half * n.y * force.y;
+    sights[5] -= half * n.y * force.z;
+    sights[6] -= half * n.z * force.x;
+    sights[7] -= half * n.z * force.y;
+    sights[8] -= half * n.z * force.z;
+    square_of(sights, inner::FABRIC, n, 0.5f32);
+    sights[inner::STIFFNESS as usize] += half * distance * stiffness;
+}
+
+/// Adds `s v⊗v`: xx, yy, zz, xy, yz, zx.
+#[cube]
+fn square_of(sights: &mut Array<f32>, #[comptime] at: u32, v: V3, s: f32) {
+    sights[at as usize] += s * v.x * v.x;
+    sights[comptime!(at + 1) as usize] += s * v.y * v.y;
+    sights[comptime!(at + 2) as usize] += s * v.z * v.z;
+    sights[comptime!(at + 3) as usize] += s * v.x * v.y;
+    sights[comptime!(at + 4) as usize] += s * v.y * v.z;
+    sights[comptime!(at + 5) as usize] += s * v.z * v.x;
 }
 
 /// The sums of columns of `shared` (`columns` of one value per unit) left in the first entry of each.
@@ -610,12 +643,19 @@ pub fn step(
         for q in 0..COLUMNS {
             out[q as usize] = 0.0f32;
         }
+        let mut sight = Array::<f32>::new(comptime!(INNER as usize));
+        if comptime!(s.sample && purpose == Purpose::Observe) {
+            #[unroll]
+            for q in 0..INNER {
+                sight[q as usize] = 0.0f32;
+            }
+        }
         let mut desk = desk(s.shape);
         seat(&mut desk, block, padded, list_room, row_room, w, which, worlds, states, lists, rows, s);
         let p = contacts_of(
             &mut desk, block, k, padded, row_room, facet_room, names, w, which, parity, t, dt, flags, worlds,
             pairs, place, vel, spin, own, refs, nbr, hist, bounds, poses, tris, verts, rows, facets,
-            row_count, row_mem, push, s, purpose,
+            row_count, row_mem, push, &mut sight, s, purpose,
         );
         // Energies and losses are those of the contacts that this unit looked at.
         if comptime!(purpose == Purpose::Observe) {
@@ -676,6 +716,13 @@ pub fn step(
                 out[6] += f32::cast_from(q.touches);
                 out[7] = worst;
                 out[8] = dot(v, v);
+                if comptime!(s.sample) {
+                    square_of(&mut sight, inner::KINETIC, v, 1.0f32 / im);
+                    sight[inner::CUBES as usize] = r * r * r;
+                    sight[inner::RATTLERS as usize] = select(p.partners == 0.0f32, 1.0f32, 0.0f32);
+                    sight[comptime!(inner::RATTLERS + 1) as usize] =
+                        select(p.partners == 1.0f32, 1.0f32, 0.0f32);
+                }
             } else if comptime!(purpose == Purpose::Prime) {
                 slow[(3u32 * mine) as usize] = four(free.x, free.y, free.z, 0.0f32);
                 slow[(3u32 * mine + 1u32) as usize] = four(turning.x, turning.y, turning.z, 0.0f32);
@@ -799,12 +846,30 @@ pub fn step(
                     worst = f32::max(worst, desk.table[(7u32 * s.shape.units + q) as usize]);
                     speed = f32::max(speed, desk.table[(8u32 * s.shape.units + q) as usize]);
                 }
-                sums[(block * SIGHTS + 7u32) as usize] = worst;
-                sums[(block * SIGHTS + 8u32) as usize] = speed;
+                let row = block * comptime!(s.sights());
+                sums[(row + 7u32) as usize] = worst;
+                sums[(row + 8u32) as usize] = speed;
             }
             fold(&mut desk.table, 7u32, s.shape.units);
+            let row = block * comptime!(s.sights());
             if UNIT_POS < 7u32 {
-                sums[(block * SIGHTS + UNIT_POS) as usize] = desk.table[(UNIT_POS * s.shape.units) as usize];
+                sums[(row + UNIT_POS) as usize] = desk.table[(UNIT_POS * s.shape.units) as usize];
+            }
+            if comptime!(s.sample) {
+                #[unroll]
+                for part in 0..3u32 {
+                    sync_cube();
+                    #[unroll]
+                    for q in 0..comptime!(INNER / 3) {
+                        desk.table[(q * s.shape.units + UNIT_POS) as usize] =
+                            sight[comptime!(part * (INNER / 3) + q) as usize];
+                    }
+                    fold(&mut desk.table, comptime!(INNER / 3), s.shape.units);
+                    if UNIT_POS < comptime!(INNER / 3) {
+                        sums[(row + comptime!(SIGHTS + part * (INNER / 3)) + UNIT_POS) as usize] =
+                            desk.table[(UNIT_POS * s.shape.units) as usize];
+                    }
+                }
             }
         }
         if comptime!(purpose == Purpose::Step) {

@@ -645,5 +645,6 @@ pub fn surfaces_of(
         worst,
         contacts: 0u32,
         touches: slots,
+        partners: 0.0f32,
     }
 }

@@ -25,6 +25,7 @@ use super::worlds::{World, Worlds};
 use super::{Detail, Moment};
 use crate::failure::Failure;
 use crate::lattice::{add, mul, norm, sub};
+use crate::measure::Tensors;
 use crate::setup::{BoundaryShape, Constants};
 use crate::spec::Vec3;
 use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
@@ -57,7 +58,7 @@ impl Body {
 
     /// How many periods away that is from the cell.
     fn turns(&self, c: &Constants) -> Vec3 {
-        c.periods(sub(self.x(), c.lattice.origin)).map(f64::floor)
+        c.lattice.periods(sub(self.x(), c.lattice.origin)).map(f64::floor)
     }
 
     /// The centre of its image inside the cell \[m\].
@@ -155,7 +156,8 @@ impl World for ReferenceWorld {
     fn observe(&mut self, g: &Progress) -> Moment {
         self.stand(g);
         let mut m = Moment::default();
-        for contact in self.contacts_now() {
+        let contacts = self.contacts_now();
+        for contact in &contacts {
             m.elastic_normal += contact.pull.energy_normal;
             m.elastic_tangential += contact.pull.tangential.energy_before;
             m.overlap = m.overlap.max(contact.depth());
@@ -172,6 +174,7 @@ impl World for ReferenceWorld {
             m.potential += e[2];
             m.speed = m.speed.max(norm(p.v));
         }
+        m.tensors = self.c.is_sample().then(|| self.tensors(&contacts));
         m
     }
 
@@ -369,10 +372,29 @@ impl ReferenceWorld {
         memory
     }
 
+    /// Sums over contacts of a sample.
+    fn tensors(&self, contacts: &[Contact]) -> Tensors {
+        let mut t = Tensors::default();
+        let mut counts = vec![0_u32; self.bodies.len()];
+        for contact in contacts {
+            let m = &contact.meeting;
+            let branch = scaled(m.n, m.arm[0] + m.arm[1]);
+            t.add_contact(array(branch), array(contact.pull.force), contact.pull.stiffness);
+            counts[contact.i] += 1;
+            if let Partner::Particle(j) = contact.with {
+                counts[j] += 1;
+            }
+        }
+        for (b, n) in self.bodies.iter().zip(counts) {
+            t.add_particle(1.0 / b.inv_mass, b.radius, array(b.v), n);
+        }
+        t
+    }
+
     /// From the centre of `a` to that of the nearest image of `b` \[m\].
     fn between(&self, a: &Body, b: &Body) -> Vec3 {
         let d = add(sub(b.home, a.home), sub(b.moved, a.moved));
-        let turns = self.c.periods(d).map(f64::round);
+        let turns = self.c.lattice.periods(d).map(f64::round);
         sub(d, mul(&self.c.spec.domain.cell, turns))
     }
 
