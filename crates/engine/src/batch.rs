@@ -459,6 +459,9 @@ impl Batch {
         }
         g.path.fill(0.0);
         g.stage += 1;
+        if let Some(cell) = &mut g.cell {
+            cell.begin(c.spec.stages.get(g.stage).and_then(|s| s.deformation.as_ref()));
+        }
         g.stage_since = g.step;
         g.stage_begun = false;
         g.was_above = false;
@@ -578,7 +581,8 @@ impl Constants {
 /// Positions of all particles in the order of storage \[m\].
 pub fn positions(c: &Constants, state: &State) -> Vec<Vec3> {
     let p = &state.particles;
-    (0..p.len()).map(|i| c.lattice.decode(p.hi[i], p.place[i].lo, p.rest[i])).collect()
+    let lattice = c.lattice_now(&state.progress);
+    (0..p.len()).map(|i| lattice.decode(p.hi[i], p.place[i].lo, p.rest[i])).collect()
 }
 
 impl State {

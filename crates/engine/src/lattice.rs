@@ -51,12 +51,12 @@ pub struct Encoded {
 }
 
 impl Lattice {
-    /// The lattice of `domain` for particles that interact up to `cutoff` \[m\]: windows at least 2.5
-    /// cut-offs high.
+    /// The lattice of `domain` for particles that interact up to `cutoff` \[m\]: windows at least so many cut-offs
+    /// high, 2.5 unless the cell is going to shrink.
     ///
     /// # Errors
     /// The axis of a periodic side that is lower than two cut-offs: a particle would meet its own image.
-    pub fn new(domain: &Domain, cutoff: f64) -> Result<Self, (usize, f64)> {
+    pub fn new(domain: &Domain, cutoff: f64, window: f64) -> Result<Self, (usize, f64)> {
         let inverse = invert(&domain.cell);
         let mut windows = [1_u32; 3];
         let mut height = [0.0; 3];
@@ -70,12 +70,12 @@ impl Lattice {
             if periodic[k] && h < 2.0 * cutoff {
                 return Err((k, h));
             }
-            windows[k] = (h / (2.5 * cutoff)).floor().clamp(1.0, 1e9) as u32;
+            windows[k] = (h / (window * cutoff)).floor().clamp(1.0, 1e9) as u32;
             height[k] = h / f64::from(windows[k]);
-            if !periodic[k] && height[k] < 2.5 * cutoff {
+            if !periodic[k] && height[k] < window * cutoff {
                 // A narrow domain: its one window reaches beyond it.
-                share[k] = height[k] / (2.5 * cutoff);
-                height[k] = 2.5 * cutoff;
+                share[k] = height[k] / (window * cutoff);
+                height[k] = window * cutoff;
             }
             extent[k] = (f64::from(windows[k]) * UNITS * share[k]).round() as i64;
         }

@@ -4,6 +4,7 @@
 
 pub mod backend;
 pub mod batch;
+pub mod cell;
 pub mod generate;
 pub mod lattice;
 pub mod measure;

@@ -68,8 +68,8 @@ pub struct Interior {
     pub strain: Vec3x3,
     /// Volume of voids over volume of particles \[-\]; overlaps are counted twice as solid.
     pub void_ratio: f64,
-    /// Mean number of contacts of the particles that have two or more, `(2C - N₁)/(N - N₀ - N₁)` (Thornton, Géotechnique
-    /// 50, 43, 2000); 0 if there are none.
+    /// Mean number of contacts of the particles that have two or more, `(2C - N₁)/(N - N₀ - N₁)` (Thornton,
+    /// Géotechnique 50, 43, 2000); 0 if there are none.
     pub mechanical_coordination: f64,
     /// Particles with fewer than two contacts.
     pub rattlers: u64,

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use glebe_physics as physics;
 use glebe_physics::{Impact, Laws, PairCoefficients, PairOverride, PairProperties};
 
+use crate::cell::{self, Cell};
 use crate::failure::SetupError;
 use crate::lattice::{Lattice, Vec3x3, add, cross, dot, mul, norm, scale, sub};
 use crate::spec::{
@@ -120,9 +121,25 @@ impl Constants {
     pub fn shifted(&self, x: Vec3, shift: [i32; 3]) -> Vec3 {
         if shift == [0; 3] { x } else { add(x, mul(&self.spec.domain.cell, shift.map(f64::from))) }
     }
+    /// Whether the cell deforms in any stage.
+    pub fn deforms(&self) -> bool {
+        self.spec.stages.iter().any(|stage| stage.deformation.is_some())
+    }
     /// The cell matrix \[m\] and the strain since the start \[-\].
-    pub fn cell(&self, _g: &Progress) -> (Vec3x3, Vec3x3) {
-        (self.spec.domain.cell, [[0.0; 3]; 3])
+    pub fn cell(&self, g: &Progress) -> (Vec3x3, Vec3x3) {
+        g.cell.map_or((self.spec.domain.cell, [[0.0; 3]; 3]), |cell| (cell.matrix, cell.strain))
+    }
+    /// Positions in the cell as it is.
+    pub fn lattice_now(&self, g: &Progress) -> Lattice {
+        g.cell.map_or_else(|| self.lattice.clone(), |cell| self.lattice.deformed(&cell.matrix))
+    }
+    /// Positions in the cell as it was when lists were made.
+    pub fn lattice_then(&self, g: &Progress) -> Lattice {
+        g.cell.map_or_else(|| self.lattice.clone(), |cell| self.lattice.deformed(&cell.reference))
+    }
+    /// Largest distance at which two particles may touch \[m\].
+    pub fn touch(&self) -> f64 {
+        2.0 * self.radius_max + self.range
     }
     /// Whether the world is a sample: periodic along all axes, without surfaces. Its stress and fabric are measured.
     pub fn is_sample(&self) -> bool {
@@ -174,7 +191,8 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
     let radius_max = if count > 0 { radius_max } else { 1e-3 };
     let range = pairs.iter().map(|p| p.range).fold(0.0, f64::max);
     let cutoff = 2.0 * radius_max + range + SKIN_MAX * radius_mean;
-    let lattice = Lattice::new(&spec.domain, cutoff)
+    let window = if spec.stages.iter().any(|s| s.deformation.is_some()) { cell::WINDOW } else { 2.5 };
+    let lattice = Lattice::new(&spec.domain, cutoff, window)
         .map_err(|(axis, height)| SetupError::PeriodicTooShort { axis: AXES[axis], height, cutoff })?;
     let boundaries = boundaries(&spec)?;
     let limits = step_limits(&spec, &set, laws, &pairs);
@@ -196,6 +214,7 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         warnings,
     };
     check_periodic(&constants)?;
+    cell::check(&constants.spec, constants.is_sample(), dt)?;
     let warnings = check_start(&constants, &set)?;
     constants.warnings.extend(warnings);
     let particles = particles(&constants, &set)?;
@@ -213,6 +232,11 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         measures: vec![MeasureState::default(); spec.stages.first().map_or(0, |s| s.measures.len())],
         stale: true,
         skin: SKIN_START * radius_mean,
+        cell: constants.deforms().then(|| {
+            let mut cell = Cell::new(spec.domain.cell);
+            cell.begin(spec.stages.first().and_then(|s| s.deformation.as_ref()));
+            cell
+        }),
         ..Progress::default()
     };
     Ok((Arc::new(constants), State { particles, progress, ..State::default() }))

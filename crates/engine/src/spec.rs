@@ -301,6 +301,29 @@ pub struct Stage {
     pub moves: Vec<(usize, Motion)>,
     /// What is measured.
     pub measures: Vec<Measure>,
+    /// How the cell deforms; it stands still in stages that do not say.
+    pub deformation: Option<Deformation>,
+}
+
+/// How a cell deforms in a stage.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Deformation {
+    /// What drives each component: xx, yy, zz, yz, xz, xy. Strain and stress are positive in compression; the rate of a
+    /// shear component is that of the angle, twice that of the strain tensor.
+    pub drive: [Drive; 6],
+}
+
+/// What drives a component of a cell's deformation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Drive {
+    /// A strain rate \[1/s\].
+    Rate(f64),
+}
+
+impl Default for Drive {
+    fn default() -> Self {
+        Self::Rate(0.0)
+    }
 }
 
 /// Something done at once at the beginning of a stage.

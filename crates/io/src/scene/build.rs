@@ -171,6 +171,7 @@ impl Scene {
             until: part.until,
             moves: moves.collect(),
             measures: measures.collect(),
+            deformation: part.deformation,
         }
     }
 

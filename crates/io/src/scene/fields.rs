@@ -467,8 +467,39 @@ static STAGE: TableSpec = TableSpec {
         .or("[]"),
         Field::new("move", Kind::Named(Names::Surface, &MOTION), "Motions of surfaces, by name.").or("{}"),
         Field::new("measure", Kind::Named(Names::New, &MEASURE), "Numbers measured, by name.").or("{}"),
+        Field::new("cell", Kind::Table(&CELL), "How the cell deforms, if it is periodic along x, y and z.")
+            .optional("it stands still"),
     ],
     rules: &[Rule::AtMostOne(&["until", "duration"])],
+};
+
+static CELL: TableSpec = TableSpec {
+    doc: "How a periodic cell deforms. Strain and stress are positive in compression.",
+    fields: &[Field::new(
+        "rate",
+        Kind::Table(&RATES),
+        "Strain rates [1/s]; those of shear are of the angle.",
+    )
+    .or("{}")],
+    rules: &[],
+};
+
+/// The components of a cell's deformation, in the order of the engine.
+pub(crate) const COMPONENTS: [&str; 6] = ["xx", "yy", "zz", "yz", "xz", "xy"];
+
+const RATE: Kind = Kind::Number(Dimension::FREQUENCY);
+
+static RATES: TableSpec = TableSpec {
+    doc: "Strain rates.",
+    fields: &[
+        Field::new("xx", RATE, "Along x [1/s].").or("0.0"),
+        Field::new("yy", RATE, "Along y [1/s].").or("0.0"),
+        Field::new("zz", RATE, "Along z [1/s].").or("0.0"),
+        Field::new("yz", RATE, "Of the angle between y and z [1/s].").or("0.0"),
+        Field::new("xz", RATE, "Of the angle between x and z [1/s].").or("0.0"),
+        Field::new("xy", RATE, "Of the angle between x and y [1/s].").or("0.0"),
+    ],
+    rules: &[],
 };
 
 static UNTIL: TableSpec = TableSpec {

@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use glebe_engine::generate::SizeDistribution;
 use glebe_engine::spec::{
-    Component, Guards, Motion, Oscillation, Rotation, Sampling, Side, Step, Time, Until, Vec3, Window,
+    Component, Deformation, Drive, Guards, Motion, Oscillation, Rotation, Sampling, Side, Step, Time, Until,
+    Vec3, Window,
 };
 use glebe_physics::{ContactModel, Material, Mixing, PairOverride, ShearModulusRule};
 
 use super::check::{Checked, Checker, Record};
 use super::error::{Located, Place, SceneError};
-use super::fields::{ENDS, HISTORIES, INTEGRATORS, MIXING_RULES, SHAPES, SHEAR_MODULI, SIDES};
+use super::fields::{COMPONENTS, ENDS, HISTORIES, INTEGRATORS, MIXING_RULES, SHAPES, SHEAR_MODULI, SIDES};
 use crate::tool::Sweep;
 use crate::units::{self, Dimension};
 
@@ -217,6 +218,8 @@ pub struct StagePart {
     pub moves: Vec<(String, MotionPart)>,
     /// What is measured.
     pub measures: Vec<MeasurePart>,
+    /// How the cell deforms.
+    pub deformation: Option<Deformation>,
 }
 
 /// A motion whose rotation may leave its centre to the surface.
@@ -674,9 +677,10 @@ fn stage(record: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> S
         insert: values("insert"),
         moves: record.named("move").iter().map(|(name, m)| (name.value.clone(), motion(m))).collect(),
         measures: record.named("measure").iter().map(|(name, m)| measure(name, m)).collect(),
+        deformation: record.table("cell").map(deformation),
     };
     let acts = ["remove", "withdraw", "insert"].into_iter().any(|key| record.written(key));
-    let timed = ["move", "measure"].into_iter().any(|key| record.written(key));
+    let timed = ["move", "measure", "cell"].into_iter().any(|key| record.written(key));
     if !lasts && (timed || !acts) {
         let message = format!("the stage `{}` has no end", stage.name.value);
         checker.error(
@@ -689,6 +693,11 @@ fn stage(record: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> S
         measured_surface_moves(measured, part, &stage, geometry, checker);
     }
     stage
+}
+
+fn deformation(record: &Record) -> Deformation {
+    let rates = record.table_or_empty("rate");
+    Deformation { drive: COMPONENTS.map(|component| Drive::Rate(rates.number(component))) }
 }
 
 /// Warns where a window of displacement or a draught force belongs to a surface that stands still.

@@ -6,14 +6,14 @@
 //! under way, and sums do not depend on who computed what.
 
 use cubecl::prelude::*;
-use glebe_physics::kernel::vector::{V3, cross, scaled};
+use glebe_physics::kernel::vector::{V3, cross, dot, plus, scaled};
 
 use super::compensated::{Two3, gap, sum, whole};
 use super::layout::{
     F4, NONE, PARTNER, SECOND, SLICE, Shape, Signature, TOUCHING, U4, float_at, status, world,
 };
 use super::pair::{Meeting, interact};
-use super::step::{Purpose, Sums, apart2, bits3, first3, four, pick, see_contact, shared_push};
+use super::step::{Purpose, Sums, apart2, bits3, first3, four, pick, see_contact, shared_push, turned, zero};
 use super::surfaces::{metres, surfaces_of, too_deep};
 
 /// Candidates of a list that are looked at together: as many as a word has bits.
@@ -129,6 +129,7 @@ fn near(
     begin: u32,
     half: u32,
     c: u32,
+    cell: u32,
     worlds: &Array<u32>,
     place: &Array<U4>,
     nbr: &mut Array<u32>,
@@ -164,7 +165,7 @@ fn near(
                 let there = places[k as usize];
                 let reach = reach_i + f32::reinterpret(there[3]) * 1.000_001f32;
                 let bit = select(at < end, 1u32 << ((at - begin) % CHUNK), 0u32);
-                let close = apart2(worlds, c, here, there, comptime!(s.orthogonal)) < reach * reach;
+                let close = apart2(worlds, cell, here, there, comptime!(s.orthogonal)) < reach * reach;
                 bits |= select(close, bit, 0u32);
                 gone |= select(!close && entries[k as usize] & TOUCHING != 0u32, bit, 0u32);
             }
@@ -253,6 +254,7 @@ pub fn contacts_of(
     which: u32,
     parity: u32,
     t: u32,
+    cell: u32,
     dt: f32,
     flags: &mut Array<Atomic<u32>>,
     worlds: &Array<u32>,
@@ -325,7 +327,7 @@ pub fn contacts_of(
     let mut begin = 0u32;
     let mut more = true;
     while more {
-        let bits = near(desk, UNIT_POS % owners, begin, half, c, worlds, place, nbr, s, purpose);
+        let bits = near(desk, UNIT_POS % owners, begin, half, c, cell, worlds, place, nbr, s, purpose);
         desk.bits[UNIT_POS as usize] = bits;
         sync_cube();
         let mut left = 0u32;
@@ -405,7 +407,7 @@ pub fn contacts_of(
                     y: whole(i32::cast_from(place_b[1] - place_a[1])),
                     z: whole(i32::cast_from(place_b[2] - place_a[2])),
                 };
-                let d = metres(worlds, c, apart, comptime!(s.fused), comptime!(s.orthogonal));
+                let d = metres(worlds, cell, apart, comptime!(s.fused), comptime!(s.orthogonal));
                 let g = gap(d, sum(r_a, r_b), comptime!(s.fused));
                 let mut force = V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 };
                 let mut torque = V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 };
@@ -413,6 +415,13 @@ pub fn contacts_of(
                     let r_eff = r_a * r_b / (r_a + r_b);
                     let arm_a = r_a - 0.5f32 * g.delta;
                     let arm_b = r_b - 0.5f32 * g.delta;
+                    // An image moves with the cell.
+                    let flow = if comptime!(s.deforms) {
+                        turned(worlds, c + world::GRADIENT, d.x.h, d.y.h, d.z.h, false)
+                    } else {
+                        zero()
+                    };
+                    let v_b = if comptime!(s.deforms) { plus(first3(vel_b), flow) } else { first3(vel_b) };
                     let e = interact(
                         Meeting {
                             n: g.n,
@@ -426,7 +435,7 @@ pub fn contacts_of(
                             im_a: vel_a[3],
                             im_b: vel_b[3],
                             v_a: first3(vel_a),
-                            v_b: first3(vel_b),
+                            v_b,
                             w_a: bits3(spin_a),
                             w_b: bits3(spin_b),
                             stretch: V3 {
@@ -484,6 +493,9 @@ pub fn contacts_of(
                         friction_loss += 0.5f32 * e.friction_loss;
                         dash_power += 0.5f32 * e.dash_power;
                         roll_power += 0.5f32 * e.roll_power;
+                        if comptime!(s.deforms) {
+                            work += 0.5f32 * dot(e.force, flow);
+                        }
                     }
                     if comptime!(purpose == Purpose::Step) {
                         hist[at as usize] = four(e.stretch.x, e.stretch.y, e.stretch.z, e.slip);

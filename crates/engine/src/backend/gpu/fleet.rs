@@ -14,11 +14,14 @@ use super::layout::{
     SIGHTS, SLICE, SLOTS, SUMS, Shape, Signature, TOUCHING, boundary, flag, halt, inner, pose, status, world,
 };
 use super::step::Purpose;
-use super::tables::{Meshes, Region, Rooms, cell_room, pair_quads, stand, status_row, world_row};
+use super::tables::{Meshes, Region, Rooms, cell_room, deform, pair_quads, stand, status_row, world_row};
 use super::{lists, rows, scan, step};
-use crate::backend::common::{Portrait, leavers, overlap_failure, runaway_failure, too_deep, unload};
+use crate::backend::common::{
+    Portrait, leavers, narrow_failure, overlap_failure, runaway_failure, too_deep, unload,
+};
 use crate::backend::cpu::CpuFleet;
 use crate::backend::{Detail, Fleet, Job, Moment, PhaseTimes};
+use crate::cell::too_narrow;
 use crate::failure::Failure;
 use crate::measure::Tensors;
 use crate::setup::Constants;
@@ -117,7 +120,8 @@ fn signature(c: &Constants, fused: bool) -> Signature {
         merged: c.count <= MERGED,
         shape: Shape::of(c.count),
         sample: c.is_sample(),
-        orthogonal: c.lattice.orthogonal,
+        deforms: c.deforms(),
+        orthogonal: c.lattice.orthogonal && !c.deforms(),
         fused,
     }
 }
@@ -149,8 +153,10 @@ impl<R: Runtime> GpuFleet<R> {
             let group = Group::allocate(&device, signature, &counted, &rooms);
             let b = group.b.all();
             // Tables, sums over a stretch, what surfaces feel in it, and where they stand.
-            let surfaces =
-                |c: &Constants| c.spec.surfaces.len() * 12 + c.boundaries.len() * pose::WORDS as usize;
+            let surfaces = |c: &Constants| {
+                let cell = if c.deforms() { world::CELL_WORDS as usize } else { 0 };
+                c.spec.surfaces.len() * 12 + c.boundaries.len() * pose::WORDS as usize + cell
+            };
             let followed: usize = worlds.iter().map(|c| STRETCH as usize * surfaces(c)).sum();
             let tables = worlds.len() * world::WORDS as usize;
             let stretch = 4 * (group.blocks() * SUMS as usize * 2 + followed + tables);
@@ -653,6 +659,10 @@ impl Group {
                 }
             }
         }
+        for (w, job) in jobs.iter().enumerate() {
+            let (g, steps, reference) = job.unwrap_or((&self.last[w], 0, false));
+            deform(&mut worlds, w * world::WORDS as usize, &self.worlds[w], g, steps, reference);
+        }
         self.b.worlds = device.upload(&worlds);
         self.b.bounds = device.upload(&self.bound_rows);
         self.b.poses = device.upload(&poses);
@@ -689,6 +699,9 @@ impl Group {
             if g.stale {
                 for s in 0..g.surfaces.len() {
                     g.surfaces[s].reference = g.surfaces[s].placed(&self.worlds[*w], s, g).pose;
+                }
+                if let Some(cell) = &mut g.cell {
+                    cell.refer();
                 }
                 g.stale = false;
                 g.rebuilt = g.step;
@@ -751,7 +764,7 @@ impl Group {
             self.set_state(w, status::REBUILT, NONE);
         }
         for ((w, job), n) in jobs.iter().zip(left.iter()) {
-            let steps = (*n).min(STRETCH);
+            let steps = steps_ahead(&self.worlds[*w], job.progress, (*n).min(STRETCH));
             self.states[*w * status::WORDS as usize + status::TARGET as usize] = steps as u32;
             longest = longest.max(steps);
             asked[*w] = Some((&*job.progress, steps, false));
@@ -880,6 +893,16 @@ impl Group {
             let rebuilt = self.state_word(w, status::REBUILT);
             g.skin = f64::from(f32::from_bits(self.state_word(w, status::SKIN)));
             g.rebuilds += u64::from(self.state_word(w, status::REBUILDS));
+            if let Some(cell) = &mut g.cell {
+                for t in 0..=done {
+                    if t > 0 {
+                        cell.step(c.dt);
+                    }
+                    if t == u64::from(rebuilt) {
+                        cell.refer();
+                    }
+                }
+            }
             if rebuilt != NONE {
                 let now = g.step;
                 g.step = begin + u64::from(rebuilt);
@@ -894,7 +917,10 @@ impl Group {
             let worst = f64::from(f32::from_bits(f[flag::WORST as usize]));
             let deep = too_deep(&c, g, worst);
             match f[flag::HALT as usize] {
-                halt::NO => {}
+                halt::NO => {
+                    job.outcome = narrow_failure(&c, g, &c.lattice_now(g));
+                    *left = if job.outcome.is_ok() { *left } else { 0 };
+                }
                 halt::LEFT | halt::ROOM => stopped.push(w),
                 why => {
                     *left = 0;
@@ -1588,6 +1614,16 @@ fn tensors(sums: &[f64; INNER as usize]) -> Tensors {
     }
 }
 
+/// Steps of `most` until the cell has become too narrow.
+fn steps_ahead(c: &Constants, g: &Progress, most: u64) -> u64 {
+    let Some(mut cell) = g.cell else { return most };
+    let narrow = (1..most).find(|_| {
+        cell.step(c.dt);
+        too_narrow(&c.lattice.deformed(&cell.matrix), c.cutoff()).is_some()
+    });
+    narrow.unwrap_or(most)
+}
+
 /// What a contact remembers, as four words; laws that remember more are refused.
 fn spring(history: &[f32]) -> [f32; 4] {
     std::array::from_fn(|k| history.get(k).copied().unwrap_or_default())
@@ -1612,6 +1648,6 @@ impl State {
             pairs.map(|m| (if m.id[0] == id { m.id[1] } else { m.id[0] }).to_string()).collect();
         let surfaces = self.surface_contacts.iter().filter(|m| m.id == id);
         with.extend(surfaces.map(|m| format!("`{}`", c.boundaries[m.surface as usize].name)));
-        Portrait::of(c, &self.particles, i).describe(with)
+        Portrait::of(&c.lattice_now(&self.progress), &self.particles, i).describe(with)
     }
 }

@@ -5,16 +5,17 @@ use glebe_physics::IntegratorKind;
 use glebe_physics::kernel::integrate::{
     Adams, Advance, Euler, Exact, Scheme, VelocityVerlet, locally_damped,
 };
-use glebe_physics::kernel::vector::{V3, dot, plus, scaled};
+use glebe_physics::kernel::vector::{V3, dot, minus, plus, scaled};
 
 use super::compensated::{sum, tidy};
 use super::contacts::{COLUMNS, contacts_of, desk, seat};
 use super::layout::{
-    BLOCK, F4, INNER, LOOK, NONE, SIGHTS, SLOTS, SUMS, Signature, U4, active, boundary, flag, float_at, halt,
-    inner, pose, quick, status, world,
+    BLOCK, F4, INNER, LOOK, NONE, SIGHTS, SLOTS, SUMS, Signature, U4, active, boundary, cell_at, flag,
+    float_at, halt, inner, pose, quick, shrunk, status, world,
 };
 use super::pair::inverse_inertia;
 use super::surfaces::surfaces_of;
+use crate::cell::STEP_GROWTH;
 
 /// What a launch is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -187,6 +188,18 @@ fn shifted(lo: u32, rest: f32, units: f32) -> Shifted {
     let up = steps > 0i32 && now < lo;
     let down = steps < 0i32 && now > lo;
     Shifted { lo: now, rest: moved - whole, carry: select(up, 1i32, select(down, 0i32 - 1i32, 0i32)) }
+}
+
+/// The cell at a step of a job, see [`cell_at`]; the world's own words where it stands still.
+#[cube]
+fn cell_of_step(worlds: &Array<u32>, c: u32, t: u32, #[comptime] s: Signature) -> u32 {
+    if comptime!(s.deforms) { cell_at(worlds, c, t) } else { c }
+}
+
+/// What a cell that deforms takes from the acceleration of a particle with velocity `v`.
+#[cube]
+fn carried(worlds: &Array<u32>, c: u32, v: V3) -> V3 {
+    turned(worlds, c + world::GRADIENT, v.x, v.y, v.z, false)
 }
 
 /// What moving a particle ends with.
@@ -551,7 +564,7 @@ pub fn drift(
             let rest = own[(2u32 * mine + 1u32) as usize];
             let land = displaced(
                 worlds,
-                c,
+                cell_of_step(worlds, c, states[(st + status::BASE) as usize] + k, s),
                 here,
                 rest,
                 refs[(2u32 * mine) as usize],
@@ -638,6 +651,9 @@ pub fn step(
         let moves = comptime!(purpose == Purpose::Step);
         let dt = select(moves, full, 0.0f32);
         let t = base + k;
+        // Forces of schemes that move before them belong to the end of the step.
+        let late = comptime!(u32::from(moves && s.integrator == IntegratorKind::VelocityVerlet));
+        let cell = cell_of_step(worlds, c, t + late, s);
         let mut out = Array::<f32>::new(comptime!(COLUMNS as usize));
         #[unroll]
         for q in 0..COLUMNS {
@@ -653,8 +669,8 @@ pub fn step(
         let mut desk = desk(s.shape);
         seat(&mut desk, block, padded, list_room, row_room, w, which, worlds, states, lists, rows, s);
         let p = contacts_of(
-            &mut desk, block, k, padded, row_room, facet_room, names, w, which, parity, t, dt, flags, worlds,
-            pairs, place, vel, spin, own, refs, nbr, hist, bounds, poses, tris, verts, rows, facets,
+            &mut desk, block, k, padded, row_room, facet_room, names, w, which, parity, t, cell, dt, flags,
+            worlds, pairs, place, vel, spin, own, refs, nbr, hist, bounds, poses, tris, verts, rows, facets,
             row_count, row_mem, push, &mut sight, s, purpose,
         );
         // Energies and losses are those of the contacts that this unit looked at.
@@ -724,11 +740,13 @@ pub fn step(
                         select(p.partners == 1.0f32, 1.0f32, 0.0f32);
                 }
             } else if comptime!(purpose == Purpose::Prime) {
-                slow[(3u32 * mine) as usize] = four(free.x, free.y, free.z, 0.0f32);
+                let a = if comptime!(s.deforms) { minus(free, carried(worlds, c, v)) } else { free };
+                slow[(3u32 * mine) as usize] = four(a.x, a.y, a.z, 0.0f32);
                 slow[(3u32 * mine + 1u32) as usize] = four(turning.x, turning.y, turning.z, 0.0f32);
             } else {
                 let d = float_at(worlds, c + world::DAMPING);
-                let a = if comptime!(s.damping) { damped(v, free, d, dt) } else { free };
+                let braked = if comptime!(s.damping) { damped(v, free, d, dt) } else { free };
+                let a = if comptime!(s.deforms) { minus(braked, carried(worlds, c, v)) } else { braked };
                 let b = if comptime!(s.damping) { damped(w3, turning, d, dt) } else { turning };
                 let known = states[(st + status::PRIMED) as usize] == 1u32 || t > 0u32;
                 let old_a = if comptime!(s.integrator == IntegratorKind::Adams) {
@@ -751,7 +769,7 @@ pub fn step(
                 let d2 = dot(dx, dx);
                 let fine = d2 <= float_at(worlds, c + world::RUNAWAY);
                 let held = pick(fine, dx, zero());
-                let land = displaced(worlds, c, here, rest, lo_ref, held, comptime!(s.orthogonal));
+                let land = displaced(worlds, cell, here, rest, lo_ref, held, comptime!(s.orthogonal));
                 let next = (ahead_half + i) as usize;
                 place[next] = quad(land.x.lo, land.y.lo, land.z.lo, here[3]);
                 vel[next] = four(x.v, y.v, z.v, im);
@@ -790,7 +808,21 @@ pub fn step(
                     let reach = f32::sqrt(land.away) + f32::sqrt(dot(next_dx, next_dx));
                     away = reach * reach;
                 }
-                if away > 0.25f32 * skin * skin {
+                let mut outdated = away > 0.25f32 * skin * skin;
+                if comptime!(s.deforms) {
+                    let rebuilt = states[(st + status::REBUILT) as usize];
+                    let known = rebuilt != NONE;
+                    let then = cell_at(worlds, c, select(known, rebuilt, 0u32)) + world::PATH;
+                    let since = worlds[select(known, then, c + world::REFERENCE) as usize];
+                    // The next forces are those of the cell one step later.
+                    let now = worlds[(cell_at(worlds, c, t + late + 1u32) + world::PATH) as usize];
+                    let touch =
+                        2.0f32 * float_at(worlds, c + world::RADIUS_MAX) + float_at(worlds, c + world::RANGE);
+                    let left = skin - shrunk(since, now) * (touch + skin);
+                    let growth = comptime!((STEP_GROWTH * STEP_GROWTH) as f32);
+                    outdated = left <= 0.0f32 || growth * away > 0.25f32 * left * left;
+                }
+                if outdated {
                     flags[(f + flag::STALE) as usize].fetch_min(k);
                 }
                 if !fine {
@@ -815,7 +847,7 @@ pub fn step(
                     out[1] -= dt * (q.dash_power + share * (dot(dash, dv) + dot(drag, dw)));
                     out[2] -= dt * (q.roll_power + share * dot(roll, dw));
                     if comptime!(s.damping) {
-                        let lost = V3 { x: free.x - a.x, y: free.y - a.y, z: free.z - a.z };
+                        let lost = minus(free, braked);
                         let spun = V3 { x: turning.x - b.x, y: turning.y - b.y, z: turning.z - b.z };
                         let mid =
                             V3 { x: 0.5f32 * (v.x + x.v), y: 0.5f32 * (v.y + y.v), z: 0.5f32 * (v.z + z.v) };
@@ -827,6 +859,11 @@ pub fn step(
                         out[3] = dt * (dot(lost, mid) / im + dot(spun, mid_w) / inv_inertia);
                     }
                     out[4] += dt * q.work + wrapped;
+                    if comptime!(s.deforms) {
+                        out[4] -=
+                            0.5f32 * dt * dot(carried(worlds, c, v), plus(v, V3 { x: x.v, y: y.v, z: z.v }))
+                                / im;
+                    }
                     out[5] += q.energy_before;
                     out[6] += q.energy_tangential;
                 }
