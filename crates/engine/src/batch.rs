@@ -6,15 +6,19 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use crate::backend::{Backend, Detail, Fleet, Job, Moment, PhaseTimes};
+use crate::cell::off_target;
 use crate::failure::{Failure, SetupError};
 use crate::lattice::dot;
 use crate::measure::Interior;
 use crate::setup::{Constants, prepare};
-use crate::spec::{Action, Pose, Vec3, WorldSpec};
+use crate::spec::{Action, Pose, Until, Vec3, WorldSpec};
 use crate::state::{Ledger, MeasureState, Progress, StageResult, State, draught};
 
 /// Steps after which a stage that waits for a low kinetic energy may end though it was never above it.
 const PATIENCE: u64 = 100;
+
+/// Kinetic energy as a share of the elastic one below which a sample has reached its stress.
+const CALM: f64 = 1e-3;
 
 /// How a world stands.
 #[derive(Clone, Debug, PartialEq)]
@@ -322,7 +326,7 @@ impl Batch {
         if world.status != Status::Running {
             return Ok(());
         }
-        if let Some(ended_by) = world.stage_end(moment.kinetic()) {
+        if let Some(ended_by) = world.stage_end(&moment) {
             self.end_stage(w, ended_by, observer)?;
         }
         Ok(())
@@ -504,8 +508,10 @@ impl World {
         until.at_most.map(|t| (t / self.constants.dt).round() as u64)
     }
 
-    fn stage_end(&mut self, kinetic: f64) -> Option<&'static str> {
-        let until = self.constants.spec.stages[self.progress.stage].until;
+    fn stage_end(&mut self, moment: &Moment) -> Option<&'static str> {
+        let kinetic = moment.kinetic();
+        let stage = &self.constants.spec.stages[self.progress.stage];
+        let until = stage.until;
         let done = self.progress.step - self.progress.stage_since;
         if let Some(limit) = until.kinetic_energy_below {
             self.progress.was_above |= kinetic >= limit;
@@ -517,8 +523,18 @@ impl World {
                 return Some("kinetic energy");
             }
         }
+        if let (Some(share), Some(deformation), Some(tensors)) =
+            (until.stress_within, &stage.deformation, &moment.tensors)
+        {
+            let calm = kinetic < CALM * (moment.elastic_normal + moment.elastic_tangential);
+            let (cell, _) = self.constants.cell(&self.progress);
+            if calm && off_target(deformation, tensors, &cell) <= share {
+                return Some("stress");
+            }
+        }
         let over = self.stage_steps().is_some_and(|s| done >= s);
-        over.then_some(if until.kinetic_energy_below.is_some() { "at most" } else { "duration" })
+        let waits = until.kinetic_energy_below.is_some() || until.stress_within.is_some();
+        over.then_some(if waits { "at most" } else { "duration" })
     }
 
     fn sample(&mut self, m: &Moment) -> Sample {
@@ -565,7 +581,7 @@ impl World {
             speed: m.speed,
             particles: self.particles,
             surfaces,
-            interior: m.tensors.map(|t| Interior::new(&t, &cell, &strain, self.particles, m.contacts)),
+            interior: m.tensors.map(|t| Interior::new(&t, &cell, &strain)),
         }
     }
 }
@@ -602,6 +618,6 @@ impl State {
 impl crate::spec::Stage {
     /// Whether the stage has no end but its actions.
     pub fn only_acts(&self) -> bool {
-        self.until.at_most.is_none() && self.until.kinetic_energy_below.is_none()
+        self.until == Until::default()
     }
 }

@@ -12,6 +12,10 @@ use crate::spec::Vec3;
 /// Sums over the contacts and particles of a sample at one moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tensors {
+    /// Particles.
+    pub particles: u64,
+    /// Contacts.
+    pub contacts: u64,
     /// Σ d⊗f over contacts, each once \[J\]: the branch d leads from a particle to the nearest image of its partner,
     /// f is the force on the partner.
     pub contact: Vec3x3,
@@ -30,6 +34,7 @@ pub struct Tensors {
 impl Tensors {
     /// Takes a contact in: branch \[m\], force on the first particle \[N\], stiffness of the normal spring \[N/m\].
     pub fn add_contact(&mut self, branch: Vec3, force: Vec3, stiffness: f64) {
+        self.contacts += 1;
         let square = branch.iter().map(|x| x * x).sum::<f64>();
         for a in 0..3 {
             for b in 0..3 {
@@ -42,6 +47,7 @@ impl Tensors {
 
     /// Takes a particle in: mass \[kg\], radius \[m\], velocity \[m/s\], number of its contacts.
     pub fn add_particle(&mut self, mass: f64, radius: f64, v: Vec3, contacts: u32) {
+        self.particles += 1;
         self.solid += 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3);
         for a in 0..3 {
             for b in 0..3 {
@@ -78,21 +84,21 @@ pub struct Interior {
 }
 
 impl Interior {
-    /// From the sums over a world with so many particles and contacts, in a cell deformed by `strain`.
-    pub fn new(t: &Tensors, cell: &Vec3x3, strain: &Vec3x3, particles: usize, contacts: u64) -> Self {
+    /// From the sums over a world whose cell is deformed by `strain`.
+    pub fn new(t: &Tensors, cell: &Vec3x3, strain: &Vec3x3) -> Self {
         let volume = determinant(cell);
         let by = |m: &Vec3x3, x: f64| m.map(|row| row.map(|y| y / x));
         let [none, one] = t.rattlers;
-        let carrying = particles as f64 - (none + one) as f64;
+        let carrying = (t.particles - none - one) as f64;
         Self {
             volume,
             stress: by(&t.contact, volume),
             kinetic_stress: by(&t.kinetic, volume),
             strain: *strain,
             void_ratio: volume / t.solid.max(f64::MIN_POSITIVE) - 1.0,
-            mechanical_coordination: (2 * contacts - one) as f64 / carrying.max(1.0),
+            mechanical_coordination: (2 * t.contacts - one) as f64 / carrying.max(1.0),
             rattlers: none + one,
-            fabric: by(&t.fabric, contacts.max(1) as f64),
+            fabric: by(&t.fabric, t.contacts.max(1) as f64),
         }
     }
 

@@ -101,6 +101,8 @@ pub struct Constants {
     pub radius_max: f64,
     /// Mean radius \[m\].
     pub radius_mean: f64,
+    /// Mean density of the particles at the start \[kg/m³\].
+    pub density_mean: f64,
     /// Interaction distance beyond touch \[m\].
     pub range: f64,
     /// What the user should know.
@@ -187,6 +189,8 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         radius_max = radius_max.max(r);
         radius_sum += r;
     }
+    let cubes = || set.radius.iter().zip(&set.material).map(|(r, m)| (r.powi(3), spec.materials[*m].density));
+    let density_mean = cubes().map(|(v, d)| v * d).sum::<f64>() / cubes().map(|(v, _)| v).sum::<f64>();
     let radius_mean = if count > 0 { radius_sum / count as f64 } else { 1e-3 };
     let radius_max = if count > 0 { radius_max } else { 1e-3 };
     let range = pairs.iter().map(|p| p.range).fold(0.0, f64::max);
@@ -210,11 +214,13 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         count,
         radius_max,
         radius_mean,
+        density_mean,
         range,
         warnings,
     };
     check_periodic(&constants)?;
-    cell::check(&constants.spec, constants.is_sample(), dt)?;
+    let warnings = cell::check(&constants)?;
+    constants.warnings.extend(warnings);
     let warnings = check_start(&constants, &set)?;
     constants.warnings.extend(warnings);
     let particles = particles(&constants, &set)?;

@@ -191,6 +191,23 @@ fn a_cell_deforms_at_rates() {
 }
 
 #[test]
+fn a_servo_goes_for_stresses() {
+    let scene = with(
+        EXAMPLE,
+        &[
+            "stage.settle.cell={ stress = { xx = \"100 kPa\", yy = 1e5 }, rate = { zz = 0.1 }, control_steps = 7 }",
+            "stage.settle.until.stress_within=1 %",
+        ],
+    );
+    let held = Drive::Stress(1e5);
+    let [free, moved] = [0.0, 0.1].map(Drive::Rate);
+    let d = scene.stages[0].deformation.unwrap();
+    assert_eq!(d.drive, [held, held, moved, free, free, free]);
+    assert_eq!((d.inertial_number, d.control_steps), (1e-3, 7));
+    assert_eq!(scene.stages[0].until.stress_within, Some(0.01));
+}
+
+#[test]
 fn pairs_of_names_with_dashes_are_told_apart() {
     let text = edited(
         "[pair.soil-steel]",

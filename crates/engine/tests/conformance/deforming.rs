@@ -20,7 +20,7 @@ const STIFFNESS: f64 = 1e5;
 
 /// Rates of a stage: xx, yy, zz, yz, xz, xy.
 fn rates(rates: [f64; 6]) -> Deformation {
-    Deformation { drive: rates.map(Drive::Rate) }
+    Deformation { drive: rates.map(Drive::Rate), ..Deformation::default() }
 }
 
 /// Largest relative error of a stress after some hundred steps: of f32 sums, and of the motion that their rounding
@@ -157,7 +157,7 @@ pub fn moduli_of_a_packing(on: &Subject) {
 
 /// `count` spheres of 1-2 mm packed in a sheared periodic cell, pressed together by 2 %, moving and spinning, with
 /// friction.
-fn packed(count: usize, seed: u64, rate: [f64; 6]) -> WorldSpec {
+pub fn packed(count: usize, seed: u64, rate: [f64; 6]) -> WorldSpec {
     let mut r = Random(seed);
     let radii: Vec<f64> = (0..count).map(|_| RADIUS * (1.0 + r.unit())).collect();
     let solid: f64 = radii.iter().map(|r| 4.0 / 3.0 * std::f64::consts::PI * r.powi(3)).sum();

@@ -25,6 +25,7 @@ mod precision;
 mod reach;
 mod restitution;
 mod samples;
+mod servo;
 mod support;
 
 macro_rules! tests {
@@ -68,6 +69,7 @@ macro_rules! backend_suite {
                 samples::stress_of_a_cubic_lattice,
                 samples::stress_of_a_pair_through_seams,
                 samples::stress_of_a_gas,
+                servo::a_governed_world_keeps_its_bits,
                 deforming::a_lattice_follows_its_cell,
                 deforming::the_ledger_closes_in_a_deforming_cell,
                 deforming::momentum_in_a_deforming_cell,
@@ -93,6 +95,9 @@ macro_rules! backend_suite {
                 laws::a_contact_that_turns_keeps_its_force,
                 laws::dissipation_is_not_negative,
                 deforming::moduli_of_a_packing,
+                servo::the_servo_reaches_a_stress_and_holds_it,
+                servo::the_servo_reaches_a_shear_stress,
+                servo::lateral_stress_is_held,
                 restitution::restitution_equals_e,
                 friction::total_force_stays_below_the_cap,
                 floor::any_triangulation_is_one_plane,

@@ -42,8 +42,7 @@ fn cubic(n: u32, spacing: Vec3, dt: f64) -> WorldSpec {
 pub fn interior(run: &mut Run) -> Interior {
     let m = run.moment();
     let (cell, strain) = run.c.cell(&run.g);
-    let particles = run.state().particles.len();
-    Interior::new(&m.tensors.unwrap(), &cell, &strain, particles, m.contacts)
+    Interior::new(&m.tensors.unwrap(), &cell, &strain)
 }
 
 pub fn assert_close(what: &str, a: f64, b: f64, scale: f64) {

@@ -658,9 +658,10 @@ fn stage(record: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> S
     let until = match record.table("until") {
         Some(t) => Until {
             kinetic_energy_below: t.number_if("kinetic_energy_below"),
+            stress_within: t.number_if("stress_within"),
             at_most: t.number_if("at_most"),
         },
-        None => Until { kinetic_energy_below: None, at_most: record.number_if("duration") },
+        None => Until { at_most: record.number_if("duration"), ..Until::default() },
     };
     let remove = record.table("remove").map(|t| match t.table("beyond") {
         Some(beyond) => (beyond.vector("axis"), beyond.number("limit")),
@@ -677,7 +678,7 @@ fn stage(record: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> S
         insert: values("insert"),
         moves: record.named("move").iter().map(|(name, m)| (name.value.clone(), motion(m))).collect(),
         measures: record.named("measure").iter().map(|(name, m)| measure(name, m)).collect(),
-        deformation: record.table("cell").map(deformation),
+        deformation: record.table("cell").map(|cell| deformation(cell, checker)),
     };
     let acts = ["remove", "withdraw", "insert"].into_iter().any(|key| record.written(key));
     let timed = ["move", "measure", "cell"].into_iter().any(|key| record.written(key));
@@ -695,9 +696,26 @@ fn stage(record: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> S
     stage
 }
 
-fn deformation(record: &Record) -> Deformation {
-    let rates = record.table_or_empty("rate");
-    Deformation { drive: COMPONENTS.map(|component| Drive::Rate(rates.number(component))) }
+fn deformation(record: &Record, checker: &mut Checker) -> Deformation {
+    let [rates, stresses] = ["rate", "stress"].map(|key| record.table_or_empty(key));
+    let drive = |component: &str| match (rates.number_if(component), stresses.number_if(component)) {
+        (Some(_), Some(stress)) => {
+            let message = format!("the component {component} of the cell has a rate and a stress");
+            checker.error(
+                SceneError::new("conflict", stresses.place(component), message)
+                    .label("and a rate")
+                    .help("leave one of them out: the servo finds the rate that a stress takes"),
+            );
+            Drive::Stress(stress)
+        }
+        (None, Some(stress)) => Drive::Stress(stress),
+        (rate, None) => Drive::Rate(rate.unwrap_or(0.0)),
+    };
+    Deformation {
+        drive: COMPONENTS.map(drive),
+        inertial_number: record.number("inertial_number"),
+        control_steps: record.integer("control_steps"),
+    }
 }
 
 /// Warns where a window of displacement or a draught force belongs to a surface that stands still.

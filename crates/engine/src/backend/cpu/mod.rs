@@ -93,6 +93,10 @@ impl World for CpuWorld {
         world
     }
 
+    fn constants(&self) -> &Arc<Constants> {
+        &self.c
+    }
+
     fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
         let kind = self.c.spec.time.integrator;
         let split = kind == IntegratorKind::VelocityVerlet;

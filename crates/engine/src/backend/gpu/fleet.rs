@@ -747,6 +747,22 @@ impl Group {
         device.read(&flags, 0, flags.len)
     }
 
+    /// Lets the servos act that are due.
+    fn govern<R: Runtime>(&mut self, device: &Device<R>, jobs: &mut [(usize, &mut Job<'_>)], left: &[u64]) {
+        let due: Vec<usize> = (0..jobs.len())
+            .filter(|&k| left[k] > 0 && self.worlds[jobs[k].0].governs(jobs[k].1.progress))
+            .collect();
+        if due.is_empty() {
+            return;
+        }
+        let asked: Vec<(usize, &Progress)> = due.iter().map(|&k| (jobs[k].0, &*jobs[k].1.progress)).collect();
+        let seen = self.observe_all(device, &asked);
+        for (k, moment) in due.into_iter().zip(seen) {
+            let (w, job) = &mut jobs[k];
+            self.worlds[*w].govern(job.progress, moment.tensors.as_ref());
+        }
+    }
+
     /// One stretch of steps of every job.
     fn stretch<R: Runtime>(
         &mut self,
@@ -755,6 +771,7 @@ impl Group {
         left: &mut [u64],
     ) {
         let began = Instant::now();
+        self.govern(device, jobs, left);
         let mut asked: Vec<Option<(&Progress, u64, bool)>> = vec![None; self.worlds.len()];
         let mut longest = 0;
         for w in 0..self.worlds.len() {
@@ -764,7 +781,11 @@ impl Group {
             self.set_state(w, status::REBUILT, NONE);
         }
         for ((w, job), n) in jobs.iter().zip(left.iter()) {
-            let steps = steps_ahead(&self.worlds[*w], job.progress, (*n).min(STRETCH));
+            let steps = steps_ahead(
+                &self.worlds[*w],
+                job.progress,
+                (*n).min(STRETCH).min(self.worlds[*w].steps_governed(job.progress)),
+            );
             self.states[*w * status::WORDS as usize + status::TARGET as usize] = steps as u32;
             longest = longest.max(steps);
             asked[*w] = Some((&*job.progress, steps, false));
@@ -1181,21 +1202,35 @@ impl Group {
     }
 
     fn observe<R: Runtime>(&mut self, device: &Device<R>, w: usize, g: &Progress) -> Moment {
+        self.observe_all(device, &[(w, g)]).pop().unwrap_or_default()
+    }
+
+    /// Looks at several worlds at once.
+    fn observe_all<R: Runtime>(&mut self, device: &Device<R>, asked: &[(usize, &Progress)]) -> Vec<Moment> {
         let mut jobs = vec![None; self.worlds.len()];
-        jobs[w] = Some((g, 0, false));
         for w in 0..self.worlds.len() {
             self.set_state(w, status::BASE, 0);
             self.set_state(w, status::TARGET, 0);
         }
-        self.set_state(w, status::ASKED, LOOK);
+        for (w, g) in asked {
+            jobs[*w] = Some((*g, 0, false));
+            self.set_state(*w, status::ASKED, LOOK);
+        }
         self.prepare(device, &jobs);
         if device.broken().is_some() {
-            return Moment::default();
+            return Vec::new();
         }
         self.look(device, Purpose::Observe);
-        self.set_state(w, status::ASKED, 0);
         let sights = self.b.sights.clone();
         let sights: Vec<f32> = device.read(&sights, 0, sights.len);
+        for (w, _) in asked {
+            self.set_state(*w, status::ASKED, 0);
+        }
+        asked.iter().map(|(w, _)| self.moment(*w, &sights)).collect()
+    }
+
+    /// The sums over a world from those of its blocks.
+    fn moment(&self, w: usize, sights: &[f32]) -> Moment {
         let mut m = Moment::default();
         let mut twice = 0.0;
         let mut inside = [0.0; INNER as usize];
@@ -1217,7 +1252,7 @@ impl Group {
             m.speed = m.speed.max(s[8].sqrt());
         }
         m.contacts = (0.5 * twice).round() as u64;
-        m.tensors = self.signature.sample.then(|| tensors(&inside));
+        m.tensors = self.signature.sample.then(|| tensors(&inside, self.counts[w] as u64, m.contacts));
         m
     }
 
@@ -1598,13 +1633,15 @@ impl Group {
 }
 
 /// The sums over a sample, from those of [`inner`].
-fn tensors(sums: &[f64; INNER as usize]) -> Tensors {
+fn tensors(sums: &[f64; INNER as usize], particles: u64, contacts: u64) -> Tensors {
     let at = |k: u32| sums[k as usize];
     let symmetric = |k: u32| {
         let [xx, yy, zz, xy, yz, zx] = [0, 1, 2, 3, 4, 5].map(|q| at(k + q));
         [[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]]
     };
     Tensors {
+        particles,
+        contacts,
         contact: [0, 3, 6].map(|row| [0, 1, 2].map(|k| at(inner::CONTACT + row + k))),
         kinetic: symmetric(inner::KINETIC),
         fabric: symmetric(inner::FABRIC),

@@ -138,6 +138,10 @@ impl World for ReferenceWorld {
         world
     }
 
+    fn constants(&self) -> &Arc<Constants> {
+        &self.c
+    }
+
     fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
         let c = self.c.clone();
         let kind = c.spec.time.integrator;
