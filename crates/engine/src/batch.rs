@@ -6,14 +6,19 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use crate::backend::{Backend, Detail, Fleet, Job, Moment, PhaseTimes};
+use crate::cell::off_target;
 use crate::failure::{Failure, SetupError};
 use crate::lattice::dot;
+use crate::measure::Interior;
 use crate::setup::{Constants, prepare};
-use crate::spec::{Action, Pose, Vec3, WorldSpec};
+use crate::spec::{Action, Pose, Until, Vec3, WorldSpec};
 use crate::state::{Ledger, MeasureState, Progress, StageResult, State, draught};
 
 /// Steps after which a stage that waits for a low kinetic energy may end though it was never above it.
 const PATIENCE: u64 = 100;
+
+/// Kinetic energy as a share of the elastic one below which a sample has reached its stress.
+const CALM: f64 = 1e-3;
 
 /// How a world stands.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,6 +58,8 @@ pub struct Sample {
     pub particles: usize,
     /// Each surface of the specification.
     pub surfaces: Vec<SurfaceSample>,
+    /// Stress, strain and fabric of a sample ([`Constants::is_sample`]).
+    pub interior: Option<Interior>,
 }
 
 /// A surface in a sample.
@@ -319,7 +326,7 @@ impl Batch {
         if world.status != Status::Running {
             return Ok(());
         }
-        if let Some(ended_by) = world.stage_end(moment.kinetic()) {
+        if let Some(ended_by) = world.stage_end(&moment) {
             self.end_stage(w, ended_by, observer)?;
         }
         Ok(())
@@ -456,6 +463,9 @@ impl Batch {
         }
         g.path.fill(0.0);
         g.stage += 1;
+        if let Some(cell) = &mut g.cell {
+            cell.begin(c.spec.stages.get(g.stage).and_then(|s| s.deformation.as_ref()));
+        }
         g.stage_since = g.step;
         g.stage_begun = false;
         g.was_above = false;
@@ -498,8 +508,10 @@ impl World {
         until.at_most.map(|t| (t / self.constants.dt).round() as u64)
     }
 
-    fn stage_end(&mut self, kinetic: f64) -> Option<&'static str> {
-        let until = self.constants.spec.stages[self.progress.stage].until;
+    fn stage_end(&mut self, moment: &Moment) -> Option<&'static str> {
+        let kinetic = moment.kinetic();
+        let stage = &self.constants.spec.stages[self.progress.stage];
+        let until = stage.until;
         let done = self.progress.step - self.progress.stage_since;
         if let Some(limit) = until.kinetic_energy_below {
             self.progress.was_above |= kinetic >= limit;
@@ -511,8 +523,18 @@ impl World {
                 return Some("kinetic energy");
             }
         }
+        if let (Some(share), Some(deformation), Some(tensors)) =
+            (until.stress_within, &stage.deformation, &moment.tensors)
+        {
+            let calm = kinetic < CALM * (moment.elastic_normal + moment.elastic_tangential);
+            let (cell, _) = self.constants.cell(&self.progress);
+            if calm && off_target(deformation, tensors, &cell) <= share {
+                return Some("stress");
+            }
+        }
         let over = self.stage_steps().is_some_and(|s| done >= s);
-        over.then_some(if until.kinetic_energy_below.is_some() { "at most" } else { "duration" })
+        let waits = until.kinetic_energy_below.is_some() || until.stress_within.is_some();
+        over.then_some(if waits { "at most" } else { "duration" })
     }
 
     fn sample(&mut self, m: &Moment) -> Sample {
@@ -526,6 +548,7 @@ impl World {
         ledger.potential = m.potential;
         ledger.elastic_normal = m.elastic_normal;
         ledger.elastic_tangential = m.elastic_tangential;
+        let (cell, strain) = c.cell(g);
         let n = g.impulse_steps.max(1) as f64;
         let surfaces = (0..c.spec.surfaces.len())
             .map(|s| {
@@ -558,6 +581,7 @@ impl World {
             speed: m.speed,
             particles: self.particles,
             surfaces,
+            interior: m.tensors.map(|t| Interior::new(&t, &cell, &strain)),
         }
     }
 }
@@ -573,7 +597,8 @@ impl Constants {
 /// Positions of all particles in the order of storage \[m\].
 pub fn positions(c: &Constants, state: &State) -> Vec<Vec3> {
     let p = &state.particles;
-    (0..p.len()).map(|i| c.lattice.decode(p.hi[i], p.place[i].lo, p.rest[i])).collect()
+    let lattice = c.lattice_now(&state.progress);
+    (0..p.len()).map(|i| lattice.decode(p.hi[i], p.place[i].lo, p.rest[i])).collect()
 }
 
 impl State {
@@ -593,6 +618,6 @@ impl State {
 impl crate::spec::Stage {
     /// Whether the stage has no end but its actions.
     pub fn only_acts(&self) -> bool {
-        self.until.at_most.is_none() && self.until.kinetic_energy_below.is_none()
+        self.until == Until::default()
     }
 }

@@ -3,6 +3,7 @@
 //! Little-endian: the progress as JSON behind its length, the number of particles and their columns one
 //! after the other, then contact memories. Files wrap this with a version and a checksum.
 
+use crate::lattice::determinant;
 use crate::setup::Constants;
 use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
 
@@ -157,6 +158,9 @@ impl State {
         need([g.surfaces.len(), g.path.len(), g.impulse.len()] == [surfaces; 3], "its surfaces")?;
         let since = g.surfaces.iter().map(|s| s.since).chain([g.stage_since, g.rebuilt]).max();
         need(since <= Some(g.step), "its steps")?;
+        let volume = g.cell.map_or(1.0, |cell| determinant(&cell.matrix));
+        let cell = g.cell.is_some() == c.deforms() && volume > 0.0 && volume.is_finite();
+        need(cell, "its cell")?;
         need(g.skin >= 0.0 && g.skin.is_finite(), "its lists")
     }
 }

@@ -13,11 +13,16 @@ use crate::spec::{Domain, Side, Vec3};
 /// Units per window.
 pub const UNITS: f64 = 4_294_967_296.0;
 
+/// A 3×3 matrix by rows.
+pub type Vec3x3 = [Vec3; 3];
+
 /// The windows of a world's cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lattice {
     /// Corner of the cell \[m\].
     pub origin: Vec3,
+    /// The cell matrix \[m\]; columns are the cell vectors.
+    pub cell: Vec3x3,
     /// Windows along each axis, ≥ 1.
     pub windows: [u32; 3],
     /// Length of the cell along each axis in units: where the windows of an open axis end.
@@ -25,9 +30,9 @@ pub struct Lattice {
     /// Which axes wrap.
     pub periodic: [bool; 3],
     /// Matrix from units to metres; columns are the axes.
-    pub unit: [Vec3; 3],
+    pub unit: Vec3x3,
     /// Its inverse.
-    pub inverse: [Vec3; 3],
+    pub inverse: Vec3x3,
     /// Perpendicular height of a window along each axis \[m\].
     pub height: Vec3,
     /// Whether `unit` is diagonal.
@@ -46,12 +51,12 @@ pub struct Encoded {
 }
 
 impl Lattice {
-    /// The lattice of `domain` for particles that interact up to `cutoff` \[m\]: windows at least 2.5
-    /// cut-offs high.
+    /// The lattice of `domain` for particles that interact up to `cutoff` \[m\]: windows at least so many cut-offs
+    /// high, 2.5 unless the cell is going to shrink.
     ///
     /// # Errors
     /// The axis of a periodic side that is lower than two cut-offs: a particle would meet its own image.
-    pub fn new(domain: &Domain, cutoff: f64) -> Result<Self, (usize, f64)> {
+    pub fn new(domain: &Domain, cutoff: f64, window: f64) -> Result<Self, (usize, f64)> {
         let inverse = invert(&domain.cell);
         let mut windows = [1_u32; 3];
         let mut height = [0.0; 3];
@@ -65,12 +70,12 @@ impl Lattice {
             if periodic[k] && h < 2.0 * cutoff {
                 return Err((k, h));
             }
-            windows[k] = (h / (2.5 * cutoff)).floor().clamp(1.0, 1e9) as u32;
+            windows[k] = (h / (window * cutoff)).floor().clamp(1.0, 1e9) as u32;
             height[k] = h / f64::from(windows[k]);
-            if !periodic[k] && height[k] < 2.5 * cutoff {
+            if !periodic[k] && height[k] < window * cutoff {
                 // A narrow domain: its one window reaches beyond it.
-                share[k] = height[k] / (2.5 * cutoff);
-                height[k] = 2.5 * cutoff;
+                share[k] = height[k] / (window * cutoff);
+                height[k] = window * cutoff;
             }
             extent[k] = (f64::from(windows[k]) * UNITS * share[k]).round() as i64;
         }
@@ -80,17 +85,39 @@ impl Lattice {
                 row[k] /= f64::from(windows[k]) * UNITS * share[k];
             }
         }
-        let orthogonal = (0..3).all(|r| (0..3).all(|c| r == c || unit[r][c] == 0.0));
         Ok(Self {
             origin: domain.origin,
+            cell: domain.cell,
             windows,
             extent,
             periodic,
             inverse: invert(&unit),
+            orthogonal: diagonal(&unit),
             unit,
             height,
-            orthogonal,
         })
+    }
+
+    /// The same windows in a cell that has deformed and is periodic along all axes: places keep their numbers.
+    pub fn deformed(&self, cell: &Vec3x3) -> Self {
+        let inverse = invert(cell);
+        let windows = self.windows.map(f64::from);
+        let unit = cell.map(|row| [0, 1, 2].map(|k| row[k] / (windows[k] * UNITS)));
+        Self {
+            cell: *cell,
+            inverse: invert(&unit),
+            orthogonal: diagonal(&unit),
+            unit,
+            height: [0, 1, 2].map(|k| 1.0 / (norm(inverse[k]) * windows[k])),
+            ..self.clone()
+        }
+    }
+
+    /// A difference of places in periods of the cell, 0 along axes that do not wrap.
+    pub fn periods(&self, d: Vec3) -> Vec3 {
+        let units = mul(&self.inverse, d);
+        [0, 1, 2]
+            .map(|k| if self.periodic[k] { units[k] / (f64::from(self.windows[k]) * UNITS) } else { 0.0 })
     }
 
     /// Encodes a position \[m\].
@@ -161,6 +188,10 @@ impl Lattice {
     }
 }
 
+fn diagonal(m: &Vec3x3) -> bool {
+    (0..3).all(|r| (0..3).all(|c| r == c || m[r][c] == 0.0))
+}
+
 /// Inverse of a matrix given by rows.
 fn invert(m: &[Vec3; 3]) -> [Vec3; 3] {
     let [a, b, c] = *m;
@@ -179,6 +210,10 @@ pub fn determinant(m: &[Vec3; 3]) -> f64 {
 #[inline]
 pub fn mul(m: &[Vec3; 3], v: Vec3) -> Vec3 {
     [dot(m[0], v), dot(m[1], v), dot(m[2], v)]
+}
+/// `a b` with both given by rows.
+pub fn product(a: &Vec3x3, b: &Vec3x3) -> Vec3x3 {
+    a.map(|row| [0, 1, 2].map(|k| row[0] * b[0][k] + row[1] * b[1][k] + row[2] * b[2][k]))
 }
 /// `a·b`
 #[inline]

@@ -4,9 +4,11 @@
 
 pub mod backend;
 pub mod batch;
+pub mod cell;
 pub mod frustum;
 pub mod generate;
 pub mod lattice;
+pub mod measure;
 pub mod poses;
 pub mod spec;
 pub mod state;

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use glebe_physics as physics;
 use glebe_physics::{Impact, Laws, PairCoefficients, PairOverride, PairProperties};
 
+use crate::cell::{self, Cell};
 use crate::failure::SetupError;
-use crate::lattice::{Lattice, UNITS, add, cross, dot, mul, norm, scale, sub};
+use crate::lattice::{Lattice, Vec3x3, add, cross, dot, mul, norm, scale, sub};
 use crate::spec::{
     Action, Component, Frustum, Motion, ParticleSet, Pose, Shape, Side, Step, Surface, TriMesh, Vec3,
     WorldSpec,
@@ -124,6 +125,8 @@ pub struct Constants {
     pub radius_max: f64,
     /// Mean radius \[m\].
     pub radius_mean: f64,
+    /// Mean density of the particles at the start \[kg/m³\].
+    pub density_mean: f64,
     /// Interaction distance beyond touch \[m\].
     pub range: f64,
     /// What the user should know.
@@ -144,11 +147,29 @@ impl Constants {
     pub fn shifted(&self, x: Vec3, shift: [i32; 3]) -> Vec3 {
         if shift == [0; 3] { x } else { add(x, mul(&self.spec.domain.cell, shift.map(f64::from))) }
     }
-    /// A difference of places in periods of the cell, 0 along axes that do not wrap.
-    pub fn periods(&self, d: Vec3) -> Vec3 {
-        let l = &self.lattice;
-        let units = mul(&l.inverse, d);
-        [0, 1, 2].map(|k| if l.periodic[k] { units[k] / (f64::from(l.windows[k]) * UNITS) } else { 0.0 })
+    /// Whether the cell deforms in any stage.
+    pub fn deforms(&self) -> bool {
+        self.spec.stages.iter().any(|stage| stage.deformation.is_some())
+    }
+    /// The cell matrix \[m\] and the strain since the start \[-\].
+    pub fn cell(&self, g: &Progress) -> (Vec3x3, Vec3x3) {
+        g.cell.map_or((self.spec.domain.cell, [[0.0; 3]; 3]), |cell| (cell.matrix, cell.strain))
+    }
+    /// Positions in the cell as it is.
+    pub fn lattice_now(&self, g: &Progress) -> Lattice {
+        g.cell.map_or_else(|| self.lattice.clone(), |cell| self.lattice.deformed(&cell.matrix))
+    }
+    /// Positions in the cell as it was when lists were made.
+    pub fn lattice_then(&self, g: &Progress) -> Lattice {
+        g.cell.map_or_else(|| self.lattice.clone(), |cell| self.lattice.deformed(&cell.reference))
+    }
+    /// Largest distance at which two particles may touch \[m\].
+    pub fn touch(&self) -> f64 {
+        2.0 * self.radius_max + self.range
+    }
+    /// Whether the world is a sample: periodic along all axes, without surfaces. Its stress and fabric are measured.
+    pub fn is_sample(&self) -> bool {
+        self.lattice.periodic == [true; 3] && self.boundaries.is_empty()
     }
     /// A distance \[m\] across an axis, in periods.
     pub fn periods_high(&self, axis: usize, distance: f64) -> f64 {
@@ -193,11 +214,14 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         radius_max = radius_max.max(r);
         radius_sum += r;
     }
+    let cubes = || set.radius.iter().zip(&set.material).map(|(r, m)| (r.powi(3), spec.materials[*m].density));
+    let density_mean = cubes().map(|(v, d)| v * d).sum::<f64>() / cubes().map(|(v, _)| v).sum::<f64>();
     let radius_mean = if count > 0 { radius_sum / count as f64 } else { 1e-3 };
     let [radius_min, radius_max] = if count > 0 { [radius_min, radius_max] } else { [1e-3; 2] };
     let range = pairs.iter().map(|p| p.range).fold(0.0, f64::max);
     let cutoff = 2.0 * radius_max + range + SKIN_MAX * radius_mean;
-    let lattice = Lattice::new(&spec.domain, cutoff)
+    let window = if spec.stages.iter().any(|s| s.deformation.is_some()) { cell::WINDOW } else { 2.5 };
+    let lattice = Lattice::new(&spec.domain, cutoff, window)
         .map_err(|(axis, height)| SetupError::PeriodicTooShort { axis: AXES[axis], height, cutoff })?;
     let boundaries = boundaries(&spec)?;
     let limits = step_limits(&spec, &set, laws, &pairs);
@@ -216,10 +240,13 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         radius_min,
         radius_max,
         radius_mean,
+        density_mean,
         range,
         warnings,
     };
     check_periodic(&constants)?;
+    let warnings = cell::check(&constants)?;
+    constants.warnings.extend(warnings);
     let warnings = check_start(&constants, &set)?;
     constants.warnings.extend(warnings);
     let particles = particles(&constants, &set)?;
@@ -237,6 +264,11 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         measures: vec![MeasureState::default(); spec.stages.first().map_or(0, |s| s.measures.len())],
         stale: true,
         skin: SKIN_START * radius_mean,
+        cell: constants.deforms().then(|| {
+            let mut cell = Cell::new(spec.domain.cell);
+            cell.begin(spec.stages.first().and_then(|s| s.deformation.as_ref()));
+            cell
+        }),
         ..Progress::default()
     };
     Ok((Arc::new(constants), State { particles, progress, ..State::default() }))

@@ -319,6 +319,53 @@ pub struct Stage {
     pub moves: Vec<(usize, Motion)>,
     /// What is measured.
     pub measures: Vec<Measure>,
+    /// How the cell deforms; it stands still in stages that do not say.
+    pub deformation: Option<Deformation>,
+}
+
+/// How a cell deforms in a stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Deformation {
+    /// What drives each component: xx, yy, zz, yz, xz, xy. Strain and stress are positive in compression; the rate of a
+    /// shear component is that of the angle, twice that of the strain tensor.
+    pub drive: [Drive; 6],
+    /// Largest inertial number `I = ε̇ 2r √(ρ/σ)` that the servo may cause \[-\], with the mean radius and density and
+    /// the largest target (Lubbe et al., Powder Technology 2022, doi 10.1016/j.powtec.2022.117631, whose eq. 20 has it
+    /// inverted).
+    pub inertial_number: f64,
+    /// Steps between two acts of the servo, ≥ 1. They are part of the physics: the same on every backend.
+    pub control_steps: u64,
+}
+
+impl Default for Deformation {
+    fn default() -> Self {
+        Self { drive: [Drive::default(); 6], inertial_number: 1e-3, control_steps: 20 }
+    }
+}
+
+impl Deformation {
+    /// The components that are to reach a stress, with it \[Pa\].
+    pub fn targets(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+        self.drive.iter().enumerate().filter_map(|(k, drive)| match drive {
+            Drive::Stress(target) => Some((k, *target)),
+            Drive::Rate(_) => None,
+        })
+    }
+}
+
+/// What drives a component of a cell's deformation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Drive {
+    /// A strain rate \[1/s\].
+    Rate(f64),
+    /// A stress that the servo goes for and holds \[Pa\].
+    Stress(f64),
+}
+
+impl Default for Drive {
+    fn default() -> Self {
+        Self::Rate(0.0)
+    }
 }
 
 /// Something done at once at the beginning of a stage.
@@ -343,7 +390,10 @@ pub struct Until {
     /// Kinetic energy (translation and rotation) below this \[J\], once it has risen above it or 100
     /// steps have passed.
     pub kinetic_energy_below: Option<f64>,
-    /// After this time in the stage \[s\]; for a stage that waits for energy, the most it may take.
+    /// Every stress that a servo goes for is reached to within this share of the largest of them, and the kinetic
+    /// energy is less than a thousandth of the elastic one.
+    pub stress_within: Option<f64>,
+    /// After this time in the stage \[s\]; for a stage that waits for energy or stress, the most it may take.
     pub at_most: Option<f64>,
 }
 

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use crate::cell::Cell;
 use crate::lattice::norm;
 use crate::setup::Constants;
 use crate::spec::{Component, Pose, Vec3, Window};
@@ -306,6 +307,9 @@ pub struct Progress {
     pub samples: u64,
     /// Frames taken.
     pub frames: u64,
+    /// The cell, where it deforms.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell: Option<Cell>,
 }
 
 impl Progress {

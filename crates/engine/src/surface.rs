@@ -278,7 +278,7 @@ impl Span {
     pub fn new(c: &Constants, shape: &BoundaryShape, pose: &Pose) -> Option<Self> {
         let mut span = Self { min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3] };
         for x in shape.corners()? {
-            let at = c.periods(sub(pose.apply(x), c.lattice.origin));
+            let at = c.lattice.periods(sub(pose.apply(x), c.lattice.origin));
             for k in 0..3 {
                 span.min[k] = span.min[k].min(at[k]);
                 span.max[k] = span.max[k].max(at[k]);
@@ -305,7 +305,7 @@ impl Span {
     /// The images of a particle at `x` that come within `reach` \[m\] of the box, in periods along each axis:
     /// however far the mesh has moved, and however many periods it is long.
     pub fn images(&self, c: &Constants, x: Vec3, reach: f64) -> impl Iterator<Item = [i32; 3]> + use<> {
-        let at = c.periods(sub(x, c.lattice.origin));
+        let at = c.lattice.periods(sub(x, c.lattice.origin));
         let [x, y, z] = [0, 1, 2].map(|k| {
             if !c.lattice.periodic[k] {
                 return 0..=0;

@@ -152,7 +152,7 @@ fn an_absent_surface_waits_where_it_is() {
 fn settling_does_not_end_in_free_fall() {
     let mut w = world();
     w.gravity = [0.0, 0.0, -9.81];
-    let until = Until { kinetic_energy_below: Some(0.05), at_most: Some(2.0) };
+    let until = Until { kinetic_energy_below: Some(0.05), at_most: Some(2.0), ..Until::default() };
     w.stages = vec![Stage { until, ..stage("settle", 0.0) }];
     let log = run(w);
     assert_eq!(log.ended[0].ended_by, "kinetic energy");

@@ -253,6 +253,13 @@ const MISTAKES: &[(&str, &str, &str, &str, &str)] = &[
         "keep one of",
     ),
     (
+        "duration = \"0.8 s\"",
+        "duration = \"0.8 s\"\ncell = { rate = { xx = 1 }, stress = { xx = 1e3 } }",
+        "conflict",
+        "the component xx of the cell has a rate and a stress",
+        "leave one of them out",
+    ),
+    (
         "density = 1850  ",
         "",
         "missing",

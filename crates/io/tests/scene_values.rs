@@ -7,7 +7,7 @@ mod scene_common;
 use std::f64::consts::PI;
 
 use glebe_engine::generate::SizeDistribution;
-use glebe_engine::spec::{Component, Rotation, Side, Step, Window};
+use glebe_engine::spec::{Component, Drive, Rotation, Side, Step, Window};
 use glebe_io::scene::{GeometryShape, Origin, Scene, SceneError, schema};
 use glebe_io::tool::Sweep;
 use glebe_physics::{ContactEnd, History, IntegratorKind, LawChoice, MixingRule, ShearModulusRule};
@@ -182,6 +182,32 @@ fn every_key_arrives() {
     assert_eq!((stage.measures[1].component, stage.measures[1].window), (Component::Draught, Window::Stage));
     assert_eq!((scene.sampling.energy_ledger, scene.checkpoint), (false, Some(0.5)));
     assert!(!scene.checkpoint_history);
+}
+
+#[test]
+fn a_cell_deforms_at_rates() {
+    let rate = |set| with(EXAMPLE, &[set]).stages[0].deformation.map(|d| d.drive);
+    let drive = [0.5, 0.0, 0.0, 0.0, 0.0, -2.0].map(Drive::Rate);
+    assert_eq!(rate("stage.settle.cell={ rate = { xx = \"0.5 1/s\", xy = -2 } }"), Some(drive));
+    assert_eq!(rate("stage.settle.cell={}"), Some([Drive::Rate(0.0); 6]));
+    assert_eq!(rate("seed=1"), None);
+}
+
+#[test]
+fn a_servo_goes_for_stresses() {
+    let scene = with(
+        EXAMPLE,
+        &[
+            "stage.settle.cell={ stress = { xx = \"100 kPa\", yy = 1e5 }, rate = { zz = 0.1 }, control_steps = 7 }",
+            "stage.settle.until.stress_within=1 %",
+        ],
+    );
+    let held = Drive::Stress(1e5);
+    let [free, moved] = [0.0, 0.1].map(Drive::Rate);
+    let d = scene.stages[0].deformation.unwrap();
+    assert_eq!(d.drive, [held, held, moved, free, free, free]);
+    assert_eq!((d.inertial_number, d.control_steps), (1e-3, 7));
+    assert_eq!(scene.stages[0].until.stress_within, Some(0.01));
 }
 
 #[test]

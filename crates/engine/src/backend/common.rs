@@ -1,5 +1,6 @@
 //! What every backend says and accounts in the same way.
 
+use crate::cell::too_narrow;
 use crate::failure::Failure;
 use crate::lattice::{Lattice, dot, norm, sub};
 use crate::setup::{Boundary, BoundaryShape, Constants};
@@ -103,13 +104,13 @@ pub struct Portrait {
 
 impl Portrait {
     /// Of particle `i` in the order of storage.
-    pub fn of(c: &Constants, p: &Particles, i: usize) -> Self {
+    pub fn of(lattice: &Lattice, p: &Particles, i: usize) -> Self {
         let (place, v, w) = (p.place[i], p.velocity[i], p.spin[i]);
         Self {
             id: p.id[i],
             mass: 1.0 / f64::from(v.inv_mass),
             radius: f64::from(place.radius),
-            x: c.lattice.decode(p.hi[i], place.lo, p.rest[i]),
+            x: lattice.decode(p.hi[i], place.lo, p.rest[i]),
             v: v.v.map(f64::from),
             w: w.w.map(f64::from),
         }
@@ -161,7 +162,8 @@ pub fn outside(l: &Lattice, hi: [i32; 3], lo: [u32; 3]) -> Option<[usize; 2]> {
 /// Lists the particles outside the domain, in the order of their numbers; returns which ones stay.
 pub fn leavers(c: &Constants, p: &Particles, g: &mut Progress) -> Vec<bool> {
     let sides: Vec<_> = (0..p.len()).map(|i| outside(&c.lattice, p.hi[i], p.place[i].lo)).collect();
-    let mut left: Vec<_> = (0..p.len()).filter_map(|i| Some((Portrait::of(c, p, i), sides[i]?))).collect();
+    let mut left: Vec<_> =
+        (0..p.len()).filter_map(|i| Some((Portrait::of(&c.lattice, p, i), sides[i]?))).collect();
     left.sort_unstable_by_key(|(p, _)| p.id);
     for (portrait, side) in left {
         portrait.leave(c, side, g);
@@ -184,6 +186,24 @@ pub fn strays(c: &Constants, boundary: &Boundary, from: &Pose, to: &Pose) -> f64
 /// A name in messages.
 pub fn quoted(c: &Constants, boundary: usize) -> String {
     format!("`{}`", c.boundaries[boundary].name)
+}
+
+/// The failure of a world whose cell has become too narrow for its lists, if it has.
+pub fn narrow_failure(c: &Constants, g: &Progress, lattice: &Lattice) -> Result<(), Failure> {
+    let Some((axis, height)) = too_narrow(lattice, c.cutoff()) else { return Ok(()) };
+    let what = format!(
+        "the cell has become {height:.4e} m high across its {} vectors for each of {} windows, less than two cut-off \
+         distances of {:.4e} m",
+        ["second and third", "third and first", "first and second"][axis],
+        lattice.windows[axis],
+        c.cutoff()
+    );
+    Err(failure(
+        c,
+        g,
+        what,
+        "it was compressed or sheared too far for its number of particles; take more particles, or less strain",
+    ))
 }
 
 /// Whether the overlap `worst`, a fraction of the smaller radius, stops the world. It is remembered.

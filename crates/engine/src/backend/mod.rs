@@ -14,6 +14,7 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use crate::failure::Failure;
+use crate::measure::Tensors;
 use crate::setup::Constants;
 use crate::state::{Progress, State};
 
@@ -103,6 +104,8 @@ pub struct Moment {
     pub overlap: f64,
     /// Largest speed \[m/s\].
     pub speed: f64,
+    /// Sums over the contacts of a sample ([`Constants::is_sample`]).
+    pub tensors: Option<Tensors>,
 }
 
 impl Moment {

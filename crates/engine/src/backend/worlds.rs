@@ -13,6 +13,8 @@ use crate::state::{Progress, State};
 pub trait World: Send + Sized {
     /// Takes a world in.
     fn new(c: Arc<Constants>, state: &mut State) -> Self;
+    /// What does not change.
+    fn constants(&self) -> &Arc<Constants>;
     /// One step.
     fn step(&mut self, g: &mut Progress) -> Result<(), Failure>;
     /// Energies and contacts now.
@@ -46,7 +48,14 @@ impl<W: World> Fleet for Worlds<W> {
         let mut worlds: Vec<Option<&mut W>> = self.0.iter_mut().map(Some).collect();
         let paired: Vec<_> = jobs.iter_mut().filter_map(|j| Some((worlds[j.world].take()?, j))).collect();
         paired.into_par_iter().for_each(|(world, job)| {
-            job.outcome = (0..job.steps).try_for_each(|_| world.step(job.progress));
+            let c = world.constants().clone();
+            job.outcome = (0..job.steps).try_for_each(|_| {
+                if c.governs(job.progress) {
+                    let tensors = world.observe(job.progress).tensors;
+                    c.govern(job.progress, tensors.as_ref());
+                }
+                world.step(job.progress)
+            });
         });
     }
 

@@ -11,6 +11,7 @@ mod agreement;
 mod bits;
 mod conservation;
 mod convergence;
+mod deforming;
 mod energy;
 mod floor;
 mod frames;
@@ -25,6 +26,8 @@ mod precision;
 mod reach;
 mod restitution;
 mod round;
+mod samples;
+mod servo;
 mod support;
 
 macro_rules! tests {
@@ -72,6 +75,16 @@ macro_rules! backend_suite {
                 round::a_turning_drum_drags,
                 round::a_fine_mesh_acts_alike,
                 round::ends_rims_and_seams,
+                samples::stress_of_a_cubic_lattice,
+                samples::stress_of_a_pair_through_seams,
+                samples::stress_of_a_gas,
+                servo::a_governed_world_keeps_its_bits,
+                deforming::a_lattice_follows_its_cell,
+                deforming::the_ledger_closes_in_a_deforming_cell,
+                deforming::momentum_in_a_deforming_cell,
+                deforming::a_deforming_world_keeps_its_bits,
+                deforming::stages_deform_one_after_the_other,
+                deforming::a_cell_that_becomes_too_narrow_stops,
                 precision::creep_is_not_lost,
                 precision::resting_overlap,
                 precision::a_packing_at_50_pa_stays_at_rest,
@@ -90,6 +103,10 @@ macro_rules! backend_suite {
                 laws::a_contact_is_born_without_memory,
                 laws::a_contact_that_turns_keeps_its_force,
                 laws::dissipation_is_not_negative,
+                deforming::moduli_of_a_packing,
+                servo::the_servo_reaches_a_stress_and_holds_it,
+                servo::the_servo_reaches_a_shear_stress,
+                servo::lateral_stress_is_held,
                 restitution::restitution_equals_e,
                 friction::total_force_stays_below_the_cap,
                 floor::any_triangulation_is_one_plane,
@@ -111,6 +128,7 @@ macro_rules! agreement_suite {
                 agreement::short_trajectories_equal_the_reference,
                 agreement::crowds_step_as_on_the_cpu,
                 precision::forces_of_a_packing_at_50_pa_equal_the_reference,
+                deforming::deforming_trajectories_equal_the_reference,
                 bits::threads_change_no_bit,
             }
             tests! { $subject, $slow;

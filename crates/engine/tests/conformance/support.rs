@@ -432,6 +432,7 @@ impl Together {
 
 pub fn bodies(c: &Constants, state: &State) -> Vec<Body> {
     let p = &state.particles;
+    let lattice = c.lattice_now(&state.progress);
     let mut order: Vec<usize> = (0..p.len()).collect();
     order.sort_unstable_by_key(|&i| p.id[i]);
     order
@@ -440,7 +441,7 @@ pub fn bodies(c: &Constants, state: &State) -> Vec<Body> {
             let mass = 1.0 / f64::from(p.velocity[i].inv_mass);
             let radius = f64::from(p.place[i].radius);
             Body {
-                x: c.lattice.decode(p.hi[i], p.place[i].lo, p.rest[i]),
+                x: lattice.decode(p.hi[i], p.place[i].lo, p.rest[i]),
                 v: p.velocity[i].v.map(f64::from),
                 w: p.spin[i].w.map(f64::from),
                 mass,

@@ -151,7 +151,7 @@ impl Bed {
         let time = Time { step: Step::Fixed(dt), integrator: IntegratorKind::Euler, force: false };
         let stage = |name: &str, kinetic_energy_below, at_most| Stage {
             name: name.to_owned(),
-            until: Until { kinetic_energy_below, at_most: Some(at_most) },
+            until: Until { kinetic_energy_below, at_most: Some(at_most), ..Until::default() },
             ..Stage::default()
         };
         let drum = Drum::about_half_full_of(radii);

@@ -88,6 +88,23 @@ pub const TEMPLATES: &[Template] = &[
         study: None,
     },
     Template {
+        name: "triaxial",
+        summary: "a periodic sample in a drained triaxial test: stress and volume over strain",
+        text: include_str!("triaxial.toml"),
+        values: &[
+            ("small", "", ", in a size that ends within a minute"),
+            ("title", "A drained triaxial test", "A drained triaxial test, few grains"),
+            ("count", "2000", "400"),
+            ("side", "39.5 mm", "23 mm"),
+            ("rate", "2.4 1/s", "7.2 1/s"),
+            ("inertial", "1e-3", "3e-3"),
+            ("duration", "84 ms", "28 ms"),
+            ("series", "0.5 ms", "0.2 ms"),
+        ],
+        sweep: None,
+        study: None,
+    },
+    Template {
         name: "sweep",
         summary: "a study: the draught force of a blade over its width and speed",
         text: include_str!("blade.toml"),

@@ -284,6 +284,7 @@ impl Build<'_> {
             until: part.until,
             moves,
             measures: measures.collect(),
+            deformation: part.deformation,
         }
     }
 

@@ -507,8 +507,60 @@ static STAGE: TableSpec = TableSpec {
         .or("[]"),
         Field::new("move", Kind::Named(Names::Surface, &MOTION), "Motions of surfaces, by name.").or("{}"),
         Field::new("measure", Kind::Named(Names::New, &MEASURE), "Numbers measured, by name.").or("{}"),
+        Field::new("cell", Kind::Table(&CELL), "How the cell deforms, if it is periodic along x, y and z.")
+            .optional("it stands still"),
     ],
     rules: &[Rule::AtMostOne(&["until", "duration"])],
+};
+
+static CELL: TableSpec = TableSpec {
+    doc: "How a periodic cell deforms: components without a rate or a stress keep their length or angle. Strain and stress are positive in compression.",
+    fields: &[
+        Field::new("rate", Kind::Table(&RATES), "Strain rates [1/s]; those of shear are of the angle.").or("{}"),
+        Field::new("stress", Kind::Table(&STRESSES), "Stresses that a servo goes for and holds [Pa].").or("{}"),
+        Field::new("inertial_number", NUMBER, "Largest inertial number that the servo may cause: strain rate · 2 mean radius · √(density / largest stress).")
+            .or("1e-3")
+            .above(0.0)
+            .at_most(1.0),
+        Field::new("control_steps", Kind::Integer, "Steps between two acts of the servo; curves depend on it as they do on the time step.")
+            .or("20")
+            .at_least(1.0)
+            .at_most(1e4),
+    ],
+    rules: &[],
+};
+
+/// The components of a cell's deformation, in the order of the engine.
+pub(crate) const COMPONENTS: [&str; 6] = ["xx", "yy", "zz", "yz", "xz", "xy"];
+
+const RATE: Kind = Kind::Number(Dimension::FREQUENCY);
+const STRESS: Kind = Kind::Number(Dimension::PRESSURE);
+const OTHERWISE: &str = "see the other table; 0 if neither says";
+
+static RATES: TableSpec = TableSpec {
+    doc: "Strain rates.",
+    fields: &[
+        Field::new("xx", RATE, "Along x [1/s].").optional(OTHERWISE),
+        Field::new("yy", RATE, "Along y [1/s].").optional(OTHERWISE),
+        Field::new("zz", RATE, "Along z [1/s].").optional(OTHERWISE),
+        Field::new("yz", RATE, "Of the angle between y and z [1/s].").optional(OTHERWISE),
+        Field::new("xz", RATE, "Of the angle between x and z [1/s].").optional(OTHERWISE),
+        Field::new("xy", RATE, "Of the angle between x and y [1/s].").optional(OTHERWISE),
+    ],
+    rules: &[],
+};
+
+static STRESSES: TableSpec = TableSpec {
+    doc: "Stresses.",
+    fields: &[
+        Field::new("xx", STRESS, "Along x [Pa].").optional(OTHERWISE),
+        Field::new("yy", STRESS, "Along y [Pa].").optional(OTHERWISE),
+        Field::new("zz", STRESS, "Along z [Pa].").optional(OTHERWISE),
+        Field::new("yz", STRESS, "Shear between y and z [Pa].").optional(OTHERWISE),
+        Field::new("xz", STRESS, "Shear between x and z [Pa].").optional(OTHERWISE),
+        Field::new("xy", STRESS, "Shear between x and y [Pa].").optional(OTHERWISE),
+    ],
+    rules: &[],
 };
 
 static UNTIL: TableSpec = TableSpec {
@@ -521,9 +573,13 @@ static UNTIL: TableSpec = TableSpec {
         )
         .optional("energy does not matter")
         .above(0.0),
+        Field::new("stress_within", NUMBER, "Every stress of `cell.stress` is reached to within this share of the largest, and the kinetic energy is less than a thousandth of the elastic one.")
+            .optional("stress does not matter")
+            .above(0.0)
+            .at_most(1.0),
         Field::new("at_most", TIME, "After this time [s].").optional("no limit").above(0.0).usual(1e-6, 1e4),
     ],
-    rules: &[Rule::AtLeastOne(&["kinetic_energy_below", "at_most"])],
+    rules: &[Rule::AtLeastOne(&["kinetic_energy_below", "stress_within", "at_most"])],
 };
 
 static REMOVE: TableSpec = TableSpec {

@@ -4,14 +4,14 @@ use std::path::PathBuf;
 
 use glebe_engine::generate::SizeDistribution;
 use glebe_engine::spec::{
-    Component, Frustum, Guards, Motion, Oscillation, Rotation, Sampling, Side, Step, Time, Until, Vec3,
-    Window,
+    Component, Deformation, Drive, Frustum, Guards, Motion, Oscillation, Rotation, Sampling, Side, Step,
+    Time, Until, Vec3, Window,
 };
 use glebe_physics::{ContactModel, Material, Mixing, PairOverride, ShearModulusRule};
 
 use super::check::{Checked, Checker, Record};
 use super::error::{Located, Place, SceneError};
-use super::fields::{ENDS, HISTORIES, INTEGRATORS, MIXING_RULES, SHAPES, SHEAR_MODULI, SIDES};
+use super::fields::{COMPONENTS, ENDS, HISTORIES, INTEGRATORS, MIXING_RULES, SHAPES, SHEAR_MODULI, SIDES};
 use crate::tool::Sweep;
 use crate::units::{self, Dimension};
 
@@ -222,6 +222,8 @@ pub struct StagePart {
     pub moves: Vec<(String, MotionPart)>,
     /// What is measured.
     pub measures: Vec<MeasurePart>,
+    /// How the cell deforms.
+    pub deformation: Option<Deformation>,
 }
 
 /// A motion whose rotation may leave its centre to the surface, and whose table is in a file.
@@ -671,9 +673,10 @@ fn stage(record: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> S
     let until = match record.table("until") {
         Some(t) => Until {
             kinetic_energy_below: t.number_if("kinetic_energy_below"),
+            stress_within: t.number_if("stress_within"),
             at_most: t.number_if("at_most"),
         },
-        None => Until { kinetic_energy_below: None, at_most: record.number_if("duration") },
+        None => Until { at_most: record.number_if("duration"), ..Until::default() },
     };
     let remove = record.table("remove").map(|t| match t.table("beyond") {
         Some(beyond) => (beyond.vector("axis"), beyond.number("limit")),
@@ -690,9 +693,10 @@ fn stage(record: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> S
         insert: values("insert"),
         moves: record.named("move").iter().map(|(name, m)| (name.value.clone(), motion(m))).collect(),
         measures: record.named("measure").iter().map(|(name, m)| measure(name, m)).collect(),
+        deformation: record.table("cell").map(|cell| deformation(cell, checker)),
     };
     let acts = ["remove", "withdraw", "insert"].into_iter().any(|key| record.written(key));
-    let timed = ["move", "measure"].into_iter().any(|key| record.written(key));
+    let timed = ["move", "measure", "cell"].into_iter().any(|key| record.written(key));
     if !lasts && (timed || !acts) {
         let message = format!("the stage `{}` has no end", stage.name.value);
         checker.error(
@@ -705,6 +709,28 @@ fn stage(record: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> S
         measured_surface_moves(measured, part, &stage, geometry, checker);
     }
     stage
+}
+
+fn deformation(record: &Record, checker: &mut Checker) -> Deformation {
+    let [rates, stresses] = ["rate", "stress"].map(|key| record.table_or_empty(key));
+    let drive = |component: &str| match (rates.number_if(component), stresses.number_if(component)) {
+        (Some(_), Some(stress)) => {
+            let message = format!("the component {component} of the cell has a rate and a stress");
+            checker.error(
+                SceneError::new("conflict", stresses.place(component), message)
+                    .label("and a rate")
+                    .help("leave one of them out: the servo finds the rate that a stress takes"),
+            );
+            Drive::Stress(stress)
+        }
+        (None, Some(stress)) => Drive::Stress(stress),
+        (rate, None) => Drive::Rate(rate.unwrap_or(0.0)),
+    };
+    Deformation {
+        drive: COMPONENTS.map(drive),
+        inertial_number: record.number("inertial_number"),
+        control_steps: record.integer("control_steps"),
+    }
 }
 
 /// Warns where a window of displacement or a draught force belongs to a surface that stands still.

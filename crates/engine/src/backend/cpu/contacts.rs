@@ -3,7 +3,7 @@
 use super::super::common::{Standing, shown};
 use super::lanes::{LANES, Lanes, Pair};
 use super::list::{Block, Pull, Touching};
-use crate::lattice::{add, sub};
+use crate::lattice::{Lattice, Vec3x3, add, mul, sub};
 use crate::setup::{Constants, MEMORY};
 use crate::spec::Vec3;
 use crate::state::Particles;
@@ -20,10 +20,20 @@ pub enum Purpose {
     Observe,
 }
 
+/// The cell as it is.
+pub struct Space {
+    /// Positions.
+    pub lattice: Lattice,
+    /// Velocity gradient \[1/s\], if it deforms.
+    pub gradient: Option<Vec3x3>,
+}
+
 /// What is the same for all blocks in a phase.
 pub struct Phase<'a> {
     /// The world.
     pub c: &'a Constants,
+    /// The cell as it is.
+    pub space: &'a Space,
     /// Coefficients by pair of materials.
     pub pairs: &'a [Pair],
     /// Particles.
@@ -62,8 +72,12 @@ pub struct SurfacePull {
 pub struct PairSeen {
     /// The two particles.
     pub of: [u32; 2],
+    /// From the first to the nearest image of the second \[m\].
+    pub branch: Vec3,
     /// Force on the first \[N\].
     pub force: [f32; 3],
+    /// Stiffness of the normal spring \[N/m\].
+    pub stiffness: f32,
     /// Energy of the normal and of the tangential spring \[J\].
     pub energy: [f32; 2],
 }
@@ -159,9 +173,9 @@ fn pairs(
     let Scratch { lanes, owner, .. } = scratch;
     let (p, materials) = (ph.p, ph.c.spec.materials.len());
     let h = ph.c.history.len();
-    let unit = &ph.c.lattice.unit;
+    let unit = &ph.space.lattice.unit;
     let (ux, uy, uz) = (unit[0][0], unit[1][1], unit[2][2]);
-    let orthogonal = ph.c.lattice.orthogonal;
+    let orthogonal = ph.space.lattice.orthogonal;
     let count = block.start.len() - 1;
     let places = &p.place[block.first..block.first + count];
     let mut used = 0;
@@ -175,7 +189,7 @@ fn pairs(
             let a = f64::from(pj.lo[0].wrapping_sub(pi.lo[0]) as i32);
             let b = f64::from(pj.lo[1].wrapping_sub(pi.lo[1]) as i32);
             let c = f64::from(pj.lo[2].wrapping_sub(pi.lo[2]) as i32);
-            let d = if orthogonal { [a * ux, b * uy, c * uz] } else { crate::lattice::mul(unit, [a, b, c]) };
+            let d = if orthogonal { [a * ux, b * uy, c * uz] } else { mul(unit, [a, b, c]) };
             let reach = f64::from(pi.radius) + f64::from(pj.radius) + ph.c.range;
             if d[0] * d[0] + d[1] * d[1] + d[2] * d[2] >= reach * reach {
                 if block.touching[k] && ph.purpose == Purpose::Step {
@@ -205,6 +219,13 @@ fn pairs(
                 lanes.v[1][x][l] = vj.v[x];
                 lanes.w[0][x][l] = wi.w[x];
                 lanes.w[1][x][l] = wj.w[x];
+            }
+            if let Some(gradient) = &ph.space.gradient {
+                // The image moves with the cell.
+                let flow = mul(gradient, d);
+                for x in 0..3 {
+                    lanes.v[1][x][l] += flow[x] as f32;
+                }
             }
             lanes.radius[0][l] = pi.radius;
             lanes.radius[1][l] = pj.radius;
@@ -247,10 +268,19 @@ fn flush_pairs(
     if ph.purpose == Purpose::Observe {
         found.pairs.extend((0..used).map(|l| PairSeen {
             of: [owner[l].i, owner[l].j],
+            branch: [0, 1, 2].map(|x| lanes.d[x][l]),
             force: of(&lanes.force, l),
+            stiffness: lanes.stiffness[l],
             energy: [lanes.energy_normal[l], lanes.energy_before[l]],
         }));
         return;
+    }
+    if let Some(gradient) = &ph.space.gradient {
+        for l in 0..used {
+            let flow = mul(gradient, [0, 1, 2].map(|x| lanes.d[x][l]));
+            let force = of(&lanes.force, l).map(f64::from);
+            found.work += f64::from(ph.dt) * crate::lattice::dot(force, flow);
+        }
     }
     let h = ph.c.history.len();
     for l in 0..used {

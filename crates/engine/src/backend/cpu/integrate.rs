@@ -3,8 +3,9 @@
 use glebe_physics::kernel::integrate::{Scheme, locally_damped};
 
 use super::super::common::runaway_distance;
-use super::contacts::SurfacePull;
+use super::contacts::{Space, SurfacePull};
 use super::list::{BLOCK, Block, Incoming, Pull};
+use crate::lattice::Vec3x3;
 use crate::setup::Constants;
 use crate::state::{Place, Spin, Velocity};
 
@@ -45,6 +46,8 @@ pub struct Step {
     pub gravity: [f32; 3],
     /// Local damping.
     pub damping: f32,
+    /// Velocity gradient of the cell \[1/s\], if it deforms.
+    pub gradient: Option<[[f32; 3]; 3]>,
     /// From metres to units.
     pub inverse: [[f32; 3]; 3],
     /// From units to metres.
@@ -59,19 +62,28 @@ pub struct Step {
 
 impl Step {
     /// The step of a world.
-    pub fn new(c: &Constants) -> Self {
-        let f = |m: [[f64; 3]; 3]| m.map(|r| r.map(|x| x as f32));
+    pub fn new(c: &Constants, space: &Space) -> Self {
+        let f = |m: Vec3x3| m.map(|r| r.map(|x| x as f32));
         let far = runaway_distance(c);
         Self {
             dt: c.dt as f32,
             gravity: c.spec.gravity.map(|x| x as f32),
             damping: c.spec.local_damping as f32,
-            inverse: f(c.lattice.inverse),
-            unit: f(c.lattice.unit),
+            gradient: space.gradient.map(f),
+            inverse: f(space.lattice.inverse),
+            unit: f(space.lattice.unit),
             wrap: [0, 1, 2].map(|k| if c.lattice.periodic[k] { c.lattice.windows[k] as i32 } else { 0 }),
             fall: c.fall(),
             runaway: (far * far) as f32,
         }
+    }
+}
+
+impl Step {
+    /// `U v`, what a deforming cell takes from the acceleration of a particle with the velocity `v` \[m/s²\].
+    #[inline(always)]
+    pub fn carried(&self, v: [f32; 3]) -> [f32; 3] {
+        self.gradient.map_or([0.0; 3], |u| u.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2]))
     }
 }
 
@@ -82,7 +94,7 @@ pub struct Moved {
     pub displacement: f32,
     /// Lowest particle that moved too far in one step, or is not a number.
     pub runaway: Option<u32>,
-    /// Work of seams on particles that crossed them \[J\].
+    /// Work of seams on particles that crossed them, and of a deforming cell on the motion of particles \[J\].
     pub lifted: f64,
     /// Lost to local damping \[J\].
     pub damped: f64,
@@ -224,6 +236,7 @@ fn after<S: Scheme>(
     c.velocity_new[i] = v;
     c.spin_new[i] = w;
     c.force[i] = f;
+    let carried = s.carried(v.v);
     for k in 0..3 {
         let free = f[k] * v.inv_mass + s.gravity[k];
         let turning = t[k] * inv_inertia;
@@ -232,6 +245,8 @@ fn after<S: Scheme>(
             a = locally_damped(v.v[k], free, s.damping, s.dt);
             b = locally_damped(w.w[k], turning, s.damping, s.dt);
         }
+        let braked = a;
+        a -= carried[k];
         let old = if first { [a, b] } else { [c.acceleration[i][k], c.angular[i][k]] };
         let x = S::after(v.v[k], a, old[0], s.dt);
         let y = S::after(w.w[k], b, old[1], s.dt);
@@ -239,8 +254,12 @@ fn after<S: Scheme>(
             let mass = 1.0 / f64::from(v.inv_mass);
             let inertia = 1.0 / f64::from(inv_inertia);
             let mid = |p: f32, q: f32| 0.5 * (f64::from(p) + f64::from(q)) * f64::from(s.dt);
-            moved.damped += mass * f64::from(free - a) * mid(v.v[k], x.v)
+            moved.damped += mass * f64::from(free - braked) * mid(v.v[k], x.v)
                 + inertia * f64::from(turning - b) * mid(w.w[k], y.v);
+        }
+        if s.gradient.is_some() {
+            let mid = 0.5 * (f64::from(v.v[k]) + f64::from(x.v)) * f64::from(s.dt);
+            moved.lifted -= f64::from(carried[k]) * mid / f64::from(v.inv_mass);
         }
         c.velocity_new[i].v[k] = x.v;
         c.spin_new[i].w[k] = y.v;

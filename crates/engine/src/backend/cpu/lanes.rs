@@ -84,7 +84,8 @@ pub struct Lanes {
     vt: Lane3,
     elastic: Lane,
     viscous: Lane,
-    stiffness: Lane,
+    /// Stiffness of the normal spring \[N/m\].
+    pub stiffness: Lane,
     attraction: Lane,
     spring_stiffness: Lane,
     spring_damping: Lane,

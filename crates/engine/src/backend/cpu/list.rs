@@ -138,7 +138,7 @@ fn cell(hi: i32, lo: u32, cells: u32) -> i32 {
     hi * cells as i32 + ((u64::from(lo) * u64::from(cells)) >> 32) as i32
 }
 
-fn levels(c: &Constants, p: &Particles, skin: f64) -> Vec<Level> {
+fn levels(c: &Constants, lattice: &Lattice, p: &Particles, skin: f64) -> Vec<Level> {
     let mut largest: Vec<f64> = Vec::new();
     for place in &p.place {
         let l = usize::from(level_of(f64::from(place.radius), c.radius_max));
@@ -152,17 +152,16 @@ fn levels(c: &Constants, p: &Particles, skin: f64) -> Vec<Level> {
         .map(|radius| {
             let cutoff = 2.0 * radius + c.range + skin;
             // Rounding must not make a cell smaller than the cut-off.
-            let cells =
-                c.lattice.height.map(|h| ((h / cutoff) * (1.0 - 1e-9)).floor().clamp(1.0, 1e6) as u32);
-            let count = [0, 1, 2].map(|k| i64::from(cells[k]) * i64::from(c.lattice.windows[k]));
+            let cells = lattice.height.map(|h| ((h / cutoff) * (1.0 - 1e-9)).floor().clamp(1.0, 1e6) as u32);
+            let count = [0, 1, 2].map(|k| i64::from(cells[k]) * i64::from(lattice.windows[k]));
             Level { radius, cells, count, rows: Vec::new() }
         })
         .collect()
 }
 
 /// The order in which particles are stored: neighbours in space are neighbours in memory.
-pub fn order(c: &Constants, p: &Particles, skin: f64) -> Vec<u32> {
-    let levels = levels(c, p, skin);
+pub fn order(c: &Constants, lattice: &Lattice, p: &Particles, skin: f64) -> Vec<u32> {
+    let levels = levels(c, lattice, p, skin);
     let key = |i: usize| -> Key {
         let level = level_of(f64::from(p.place[i].radius), c.radius_max);
         let cells = levels[usize::from(level)].cells;
@@ -184,7 +183,8 @@ pub fn build(
     boundaries: &[Option<Pose>],
     memory: &Memory<'_>,
 ) -> Vec<Block> {
-    let mut levels = levels(c, p, g.skin);
+    let lattice = &c.lattice_then(g);
+    let mut levels = levels(c, lattice, p, g.skin);
     let mut along = Vec::with_capacity(p.len());
     let mut of = Vec::with_capacity(p.len());
     for i in 0..p.len() {
@@ -199,7 +199,7 @@ pub fn build(
             _ => level.rows.push(Row { at, begin: i as u32, end: i as u32 + 1 }),
         }
     }
-    let search = Search { c, p, levels: &levels, along: &along, of: &of, skin: g.skin };
+    let search = Search { c, lattice, p, levels: &levels, along: &along, of: &of, skin: g.skin };
     let blocks = p.len().div_ceil(BLOCK);
     (0..blocks)
         .into_par_iter()
@@ -214,6 +214,8 @@ pub fn build(
 
 struct Search<'a> {
     c: &'a Constants,
+    /// Positions in the cell of the reference.
+    lattice: &'a Lattice,
     p: &'a Particles,
     levels: &'a [Level],
     along: &'a [i64],
@@ -253,7 +255,7 @@ impl Search<'_> {
         for (a, axis) in [1, 2].into_iter().enumerate() {
             for d in -1..=1 {
                 let mut at = center[a] + d;
-                if self.c.lattice.periodic[axis] {
+                if self.lattice.periodic[axis] {
                     at = i64::from(at).rem_euclid(level.count[axis]) as i32;
                 }
                 if !near[a][..n[a]].contains(&at) {
@@ -279,7 +281,7 @@ impl Search<'_> {
         if begin >= end {
             return;
         }
-        let lattice = &self.c.lattice;
+        let lattice = self.lattice;
         let ri = f64::from(self.p.place[i].radius);
         let beyond = self.c.range + self.skin;
         let reach =
@@ -306,7 +308,7 @@ impl Search<'_> {
 
     /// From i to the nearest image of j in the reference configuration \[m\].
     fn between(&self, i: usize, j: usize) -> Vec3 {
-        let (p, lattice) = (self.p, &self.c.lattice);
+        let (p, lattice) = (self.p, self.lattice);
         let d = [0, 1, 2].map(|k| {
             let a = Lattice::units(p.hi_ref[i][k], p.lo_ref[i][k]);
             let b = Lattice::units(p.hi_ref[j][k], p.lo_ref[j][k]);
@@ -325,7 +327,7 @@ impl Search<'_> {
         let spans: Vec<Option<Span>> = boundaries.iter().enumerate().map(span).collect();
         for local in 0..count {
             let i = block.first + local;
-            let at = self.c.lattice.decode(self.p.hi_ref[i], self.p.lo_ref[i], [0.0; 3]);
+            let at = self.lattice.decode(self.p.hi_ref[i], self.p.lo_ref[i], [0.0; 3]);
             let reach = f64::from(self.p.place[i].radius) + self.c.range + self.skin;
             for (b, pose) in boundaries.iter().enumerate() {
                 let Some(pose) = pose else { continue };

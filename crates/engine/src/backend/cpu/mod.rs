@@ -21,17 +21,20 @@ use glebe_physics::IntegratorKind;
 use glebe_physics::kernel::integrate::{Scheme, Visitor, visit};
 use rayon::prelude::*;
 
-use self::contacts::{Found, Phase, Purpose, Scratch, run};
+use self::contacts::{Found, Phase, Purpose, Scratch, Space, run};
 use self::integrate::{Columns, Contacts, Moved, Step, advance};
 use self::lanes::Pair;
 use self::list::{BLOCK, Block, Incoming, Memory, Pull};
 use super::common::{
-    Portrait, Standing, leavers, overlap_failure, quoted, runaway_failure, strays, too_deep, unload,
+    Portrait, Standing, leavers, narrow_failure, overlap_failure, quoted, runaway_failure, strays, too_deep,
+    unload,
 };
 use super::worlds::{World, Worlds};
 use super::{Detail, Moment, PhaseTimes};
+use crate::cell::STEP_GROWTH;
 use crate::failure::Failure;
 use crate::lattice::norm;
+use crate::measure::Tensors;
 use crate::setup::{Constants, REBUILT_LATE, REBUILT_SOON, SKIN_MAX, SKIN_MIN, SKIN_NARROWER, SKIN_WIDER};
 use crate::spec::Pose;
 use crate::state::{Particles, Progress, Spin, State, Velocity};
@@ -46,6 +49,7 @@ pub type CpuFleet = Worlds<CpuWorld>;
 /// A world on the CPU.
 pub struct CpuWorld {
     c: Arc<Constants>,
+    space: Space,
     p: Particles,
     blocks: Vec<Block>,
     /// What the last step found for each candidate of all blocks; zero where it does not touch.
@@ -65,9 +69,11 @@ pub struct CpuWorld {
 
 impl World for CpuWorld {
     fn new(c: Arc<Constants>, state: &mut State) -> Self {
+        let space = Space { lattice: c.lattice.clone(), gradient: None };
         let mut world = Self {
             pairs: c.pairs.iter().map(Pair::new).collect(),
-            step: Step::new(&c),
+            step: Step::new(&c, &space),
+            space,
             standing: c.boundaries.iter().map(|_| Standing::default()).collect(),
             c,
             p: Particles::default(),
@@ -85,6 +91,10 @@ impl World for CpuWorld {
         world
     }
 
+    fn constants(&self) -> &Arc<Constants> {
+        &self.c
+    }
+
     fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
         let kind = self.c.spec.time.integrator;
         let split = kind == IntegratorKind::VelocityVerlet;
@@ -99,6 +109,7 @@ impl World for CpuWorld {
             self.check(g, moved)?;
             // The force belongs to the end of the step, for surfaces too.
             g.step += 1;
+            self.deform(g)?;
             self.times.integration += clock.lap();
             if self.strayed(g, moved) {
                 self.rebuild(g);
@@ -116,7 +127,10 @@ impl World for CpuWorld {
         self.guard(g)?;
         self.check(g, moved)?;
         g.primed = true;
-        g.step += u64::from(!split);
+        if !split {
+            g.step += 1;
+            self.deform(g)?;
+        }
         let stale = self.strayed(g, moved);
         self.times.surfaces += clock.lap();
         if stale {
@@ -127,7 +141,8 @@ impl World for CpuWorld {
 
     fn observe(&mut self, g: &Progress) -> Moment {
         let mut m = Moment::default();
-        for f in self.look(g) {
+        let found = self.look(g);
+        for f in &found {
             m.elastic_normal += f.energy_normal;
             m.elastic_tangential += f.energy_before;
             m.contacts += f.contacts[0];
@@ -139,7 +154,7 @@ impl World for CpuWorld {
             .map(|b| {
                 let mut s = [0.0; 4];
                 for i in b * BLOCK..((b + 1) * BLOCK).min(self.p.len()) {
-                    let p = Portrait::of(&self.c, &self.p, i);
+                    let p = Portrait::of(&self.space.lattice, &self.p, i);
                     let e = p.energy(&self.c);
                     (0..3).for_each(|k| s[k] += e[k]);
                     s[3] = f64::max(s[3], norm(p.v));
@@ -153,6 +168,7 @@ impl World for CpuWorld {
             m.potential += s[2];
             m.speed = m.speed.max(s[3]);
         }
+        m.tensors = self.c.is_sample().then(|| self.tensors(&found));
         m
     }
 
@@ -189,6 +205,7 @@ impl World for CpuWorld {
     fn load(&mut self, state: &mut State) {
         self.p = state.particles.clone();
         let g = &mut state.progress;
+        self.take_cell(g);
         if g.stale {
             self.refer(g);
             g.stale = false;
@@ -233,6 +250,9 @@ impl CpuWorld {
         for (s, surface) in g.surfaces.clone().into_iter().enumerate() {
             g.surfaces[s].reference = surface.placed(&self.c, s, g).pose;
         }
+        if let Some(cell) = &mut g.cell {
+            cell.refer();
+        }
         g.rebuilt = g.step;
         g.rebuilds += 1;
         self.arrange(g)
@@ -241,7 +261,7 @@ impl CpuWorld {
     /// Puts the particles in the order of lists of the reference configuration, if another backend left them in
     /// its own; returns the old index of each.
     fn arrange(&mut self, g: &Progress) -> Vec<u32> {
-        let order = list::order(&self.c, &self.p, g.skin);
+        let order = list::order(&self.c, &self.c.lattice_then(g), &self.p, g.skin);
         self.p.reorder(&order);
         order
     }
@@ -295,8 +315,9 @@ impl CpuWorld {
         self.times.lists += began.elapsed().as_secs_f64();
     }
 
-    /// Places boundaries for the present step.
+    /// Takes up the cell of the present step, and places boundaries.
     fn stand(&mut self, g: &Progress) {
+        self.take_cell(g);
         for (standing, boundary) in self.standing.iter_mut().zip(&self.c.boundaries) {
             standing.place(boundary, &self.c, g);
         }
@@ -304,7 +325,31 @@ impl CpuWorld {
 
     /// Whether a particle or a surface has moved so far that the lists may miss a contact.
     fn strayed(&self, g: &Progress, moved: Moved) -> bool {
-        moved.displacement.sqrt() > 0.5 * g.skin as f32 || self.surface_strayed(g)
+        let Some(cell) = &g.cell else {
+            return moved.displacement.sqrt() > 0.5 * g.skin as f32 || self.surface_strayed(g);
+        };
+        // Displacements were measured in the cell before this step.
+        let left = cell.skin_left(g.skin, self.c.touch());
+        left <= 0.0 || STEP_GROWTH as f32 * moved.displacement.sqrt() > 0.5 * left as f32
+    }
+
+    /// Looks things up in the cell of `g`, if it deforms.
+    fn take_cell(&mut self, g: &Progress) {
+        if let Some(cell) = &g.cell {
+            self.space =
+                Space { lattice: self.c.lattice.deformed(&cell.matrix), gradient: Some(cell.gradient) };
+            self.step = Step::new(&self.c, &self.space);
+        }
+    }
+
+    /// Moves the cell by a step, if it deforms.
+    fn deform(&mut self, g: &mut Progress) -> Result<(), Failure> {
+        if let Some(cell) = &mut g.cell {
+            cell.step(self.c.dt);
+            self.take_cell(g);
+            narrow_failure(&self.c, g, &self.space.lattice)?;
+        }
+        Ok(())
     }
 
     /// Whether a surface has moved so far that the lists may miss it.
@@ -322,6 +367,7 @@ impl CpuWorld {
 
     fn phase<'a>(
         c: &'a Constants,
+        space: &'a Space,
         pairs: &'a [Pair],
         p: &'a Particles,
         standing: &'a [Standing],
@@ -329,12 +375,12 @@ impl CpuWorld {
     ) -> Phase<'a> {
         let ledger = c.spec.sampling.energy_ledger;
         let dt = if purpose == Purpose::Step { c.dt as f32 } else { 0.0 };
-        Phase { c, pairs, p, standing, purpose, ledger, dt }
+        Phase { c, space, pairs, p, standing, purpose, ledger, dt }
     }
 
     /// Contacts of every block.
     fn forces(&mut self, purpose: Purpose) {
-        let phase = Self::phase(&self.c, &self.pairs, &self.p, &self.standing, purpose);
+        let phase = Self::phase(&self.c, &self.space, &self.pairs, &self.p, &self.standing, purpose);
         each(&phase, &mut self.blocks, [&mut self.pull, &mut self.drain], &mut self.found);
     }
 
@@ -349,8 +395,9 @@ impl CpuWorld {
                 let [f, t, ..] = contacts.sum(local, &mut at).0;
                 let i = block.first + local;
                 let (r, inv_mass) = (self.p.place[i].radius, self.p.velocity[i].inv_mass);
+                let carried = self.step.carried(self.p.velocity[i].v);
                 for k in 0..3 {
-                    self.p.acceleration[i][k] = f[k] * inv_mass + self.step.gravity[k];
+                    self.p.acceleration[i][k] = f[k] * inv_mass + self.step.gravity[k] - carried[k];
                     self.p.angular[i][k] = t[k] * 2.5 * inv_mass / (r * r);
                 }
             }
@@ -450,7 +497,7 @@ impl CpuWorld {
         let (particles, boundaries) = self.touching(i);
         let particles = particles.into_iter().map(|j| self.p.id[j].to_string());
         let boundaries = boundaries.into_iter().map(|b| quoted(&self.c, b));
-        Portrait::of(&self.c, &self.p, i).describe(particles.chain(boundaries).collect())
+        Portrait::of(&self.space.lattice, &self.p, i).describe(particles.chain(boundaries).collect())
     }
 
     /// Energy of the normal and of the tangential springs of particles that do not stay \[J\].
@@ -465,7 +512,7 @@ impl CpuWorld {
             }
         }
         self.stand(g);
-        let phase = Self::phase(&self.c, &self.pairs, &self.p, &self.standing, Purpose::Observe);
+        let phase = Self::phase(&self.c, &self.space, &self.pairs, &self.p, &self.standing, Purpose::Observe);
         let mut found = Found::default();
         let mut energy = [0.0; 2];
         for b in blocks {
@@ -484,11 +531,27 @@ impl CpuWorld {
     /// Runs the contact phase on the present configuration without changing it.
     fn look(&mut self, g: &Progress) -> Vec<Found> {
         self.stand(g);
-        let phase = Self::phase(&self.c, &self.pairs, &self.p, &self.standing, Purpose::Observe);
+        let phase = Self::phase(&self.c, &self.space, &self.pairs, &self.p, &self.standing, Purpose::Observe);
         let mut found: Vec<Found> = Vec::new();
         found.resize_with(self.blocks.len(), Found::default);
         each(&phase, &mut self.blocks, [&mut self.pull, &mut self.drain], &mut found);
         found
+    }
+
+    /// Sums over the contacts that were found.
+    fn tensors(&self, found: &[Found]) -> Tensors {
+        let mut t = Tensors::default();
+        let mut contacts = vec![0_u32; self.p.len()];
+        for pair in found.iter().flat_map(|f| &f.pairs) {
+            t.add_contact(pair.branch, pair.force.map(f64::from), f64::from(pair.stiffness));
+            pair.of.into_iter().for_each(|i| contacts[i as usize] += 1);
+        }
+        for (i, n) in contacts.into_iter().enumerate() {
+            let v = self.p.velocity[i];
+            let mass = 1.0 / f64::from(v.inv_mass);
+            t.add_particle(mass, f64::from(self.p.place[i].radius), v.v.map(f64::from), n);
+        }
+        t
     }
 }
 

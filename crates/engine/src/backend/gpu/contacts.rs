@@ -6,12 +6,12 @@
 //! under way, and sums do not depend on who computed what.
 
 use cubecl::prelude::*;
-use glebe_physics::kernel::vector::{V3, cross, scaled};
+use glebe_physics::kernel::vector::{V3, cross, dot, plus, scaled};
 
 use super::compensated::{Two3, gap, sum, whole};
 use super::layout::{F4, NONE, PARTNER, SECOND, SLICE, Signature, TOUCHING, U4, float_at, status, world};
 use super::pair::{Meeting, interact, inverse_inertia};
-use super::step::{Purpose, Sums, apart2, bits3, first3, four, pick, shared_push, zero};
+use super::step::{Purpose, Sums, apart2, bits3, first3, four, pick, see_contact, shared_push, turned, zero};
 use super::surfaces::{metres, surfaces_of, too_deep};
 
 /// Candidates of a list that are looked at together: as many as a word has bits.
@@ -57,10 +57,22 @@ fn accounts(s: Signature, purpose: Purpose) -> bool {
     s.ledger && purpose == Purpose::Step
 }
 
-/// Columns that a contact fills: force and torque; where dissipation is accounted also the dashpots' force and torque,
-/// and the torque of rolling resistance.
+/// Whether a sample is looked at.
+fn measures(s: Signature, purpose: Purpose) -> bool {
+    s.sample && purpose == Purpose::Observe
+}
+
+/// Columns that a contact fills, three for a vector: force and torque; where dissipation is accounted also the dashpots'
+/// force and torque, and the torque of rolling resistance; where a sample is looked at, a vector whose first component
+/// counts contacts.
 fn columns(s: Signature, purpose: Purpose) -> u32 {
-    if accounts(s, purpose) { 15 } else { 6 }
+    if accounts(s, purpose) {
+        15
+    } else if measures(s, purpose) {
+        9
+    } else {
+        6
+    }
 }
 
 /// Contacts that the table holds.
@@ -153,6 +165,7 @@ fn near(
     o: u32,
     half: u32,
     c: u32,
+    cell: u32,
     worlds: &Array<u32>,
     place: &Array<U4>,
     nbr: &mut Array<u32>,
@@ -187,7 +200,7 @@ fn near(
                 let there = places[k as usize];
                 let reach = reach_i + f32::reinterpret(there[3]) * 1.000_001f32;
                 let bit = select(at < end, 1u32 << (at % CHUNK), 0u32);
-                let close = apart2(worlds, c, here, there, comptime!(s.orthogonal)) < reach * reach;
+                let close = apart2(worlds, cell, here, there, comptime!(s.orthogonal)) < reach * reach;
                 bits |= select(close, bit, 0u32);
                 gone |= select(!close && entries[k as usize] & TOUCHING != 0u32, bit, 0u32);
             }
@@ -292,6 +305,7 @@ pub fn contacts_of(
     which: u32,
     parity: u32,
     t: u32,
+    cell: u32,
     dt: f32,
     flags: &mut Array<Atomic<u32>>,
     worlds: &Array<u32>,
@@ -312,6 +326,7 @@ pub fn contacts_of(
     row_count: &mut Array<u32>,
     row_mem: &mut Array<F4>,
     push: &mut Array<F4>,
+    sights: &mut Array<f32>,
     #[comptime] s: Signature,
     #[comptime] purpose: Purpose,
 ) -> Sums {
@@ -324,6 +339,7 @@ pub fn contacts_of(
     let materials = worlds[(c + world::MATERIALS) as usize];
     let table = worlds[(c + world::PAIRS) as usize];
     let accounts = comptime!(accounts(s, purpose));
+    let measures = comptime!(measures(s, purpose));
     let room = comptime!(room(s, purpose));
     let weighs = comptime!(s.ledger || purpose == Purpose::Observe);
     let merged = comptime!(s.near_blocks());
@@ -356,7 +372,7 @@ pub fn contacts_of(
     let mut first_round = true;
     let mut more = true;
     while more {
-        let mut left = near(desk, UNIT_POS % owners, half, c, worlds, place, nbr, s, purpose);
+        let mut left = near(desk, UNIT_POS % owners, half, c, cell, worlds, place, nbr, s, purpose);
         if comptime!(s.shape.units > s.shape.owners) {
             desk.names[UNIT_POS as usize] = left;
             sync_cube();
@@ -439,7 +455,7 @@ pub fn contacts_of(
                 y: whole(i32::cast_from(place_b[1] - place_a[1])),
                 z: whole(i32::cast_from(place_b[2] - place_a[2])),
             };
-            let d = metres(worlds, c, apart, comptime!(s.fused), comptime!(s.orthogonal));
+            let d = metres(worlds, cell, apart, comptime!(s.fused), comptime!(s.orthogonal));
             let g = gap(d, sum(r_a, r_b), comptime!(s.fused));
             let mut force = V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 };
             let mut torque = V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 };
@@ -458,6 +474,13 @@ pub fn contacts_of(
                 let r_eff = 1.0f32 / (curved_a + curved_b);
                 let arm_a = r_a - 0.5f32 * g.delta;
                 let arm_b = r_b - 0.5f32 * g.delta;
+                // An image moves with the cell.
+                let flow = if comptime!(s.deforms) {
+                    turned(worlds, c + world::GRADIENT, d.x.h, d.y.h, d.z.h, false)
+                } else {
+                    zero()
+                };
+                let v_b = if comptime!(s.deforms) { plus(first3(vel_b), flow) } else { first3(vel_b) };
                 let e = interact(
                     Meeting {
                         n: g.n,
@@ -473,7 +496,7 @@ pub fn contacts_of(
                         ii_a: inverse_inertia(vel_a[3], curved_a),
                         ii_b: inverse_inertia(vel_b[3], curved_b),
                         v_a: first3(vel_a),
-                        v_b: first3(vel_b),
+                        v_b,
                         w_a: bits3(spin_a),
                         w_b: bits3(spin_b),
                         stretch: V3 {
@@ -505,6 +528,10 @@ pub fn contacts_of(
                     }
                 }
                 contacts += 1u32;
+                if comptime!(measures) {
+                    hx = 1.0f32;
+                    see_contact(sights, g.n, g.distance, e.force, e.stiffness);
+                }
                 if comptime!(accounts) {
                     let dash = scaled(e.dash, sign);
                     let roll = pick(second, e.roll_b, e.roll_a);
@@ -526,6 +553,9 @@ pub fn contacts_of(
                     friction_loss += 0.5f32 * e.friction_loss;
                     dash_power += 0.5f32 * e.dash_power;
                     roll_power += 0.5f32 * e.roll_power;
+                    if comptime!(s.deforms) {
+                        work += 0.5f32 * dot(e.force, flow);
+                    }
                 }
                 if comptime!(purpose == Purpose::Step) {
                     hist[at as usize] = four(e.stretch.x, e.stretch.y, e.stretch.z, e.slip);
@@ -542,8 +572,10 @@ pub fn contacts_of(
             }
             hand(desk, row, force, 0u32, room);
             hand(desk, row, torque, 3u32, room);
-            if comptime!(accounts) {
+            if comptime!(accounts || measures) {
                 hand(desk, row, V3 { x: hx, y: hy, z: hz }, 6u32, room);
+            }
+            if comptime!(accounts) {
                 hand(desk, row, V3 { x: ux, y: uy, z: uz }, 9u32, room);
                 hand(desk, row, V3 { x: qx, y: qy, z: qz }, 12u32, room);
             }
@@ -588,6 +620,9 @@ pub fn contacts_of(
                     let row = free + o;
                     hand(desk, row, e.force, 0u32, room);
                     hand(desk, row, e.torque, 3u32, room);
+                    if comptime!(measures) {
+                        hand(desk, row, zero(), 6u32, room);
+                    }
                     if comptime!(accounts) {
                         hand(desk, row, e.dash, 6u32, room);
                         hand(desk, row, e.drag, 9u32, room);
@@ -649,6 +684,7 @@ pub fn contacts_of(
             );
         }
     }
+    let counted = if comptime!(measures) { owned(desk, 6u32, owners) } else { zero() };
     Sums {
         force: owned(desk, 0u32, owners),
         torque: owned(desk, 3u32, owners),
@@ -665,5 +701,6 @@ pub fn contacts_of(
         worst,
         contacts,
         touches,
+        partners: counted.x,
     }
 }

@@ -10,16 +10,20 @@ use glebe_physics::IntegratorKind;
 use super::device::{Buffer, Device, MOST_BLOCKS, QUAD, Told, grid};
 use super::fault::Fault;
 use super::layout::{
-    BLOCK, FACET_WORDS, LOOK, MERGED, NONE, PAIR_QUADS, PARTNER, PERIOD, REFER, RELIST, SECOND, SIGHTS,
-    SLICE, SLOTS, SUMS, Shape, Signature, TOUCHING, boundary, flag, halt, pose, status, world,
+    BLOCK, FACET_WORDS, INNER, LOOK, MERGED, NONE, PAIR_QUADS, PARTNER, PERIOD, REFER, RELIST, SECOND,
+    SIGHTS, SLICE, SLOTS, SUMS, Shape, Signature, TOUCHING, boundary, flag, halt, inner, pose, status, world,
 };
 use super::step::Purpose;
-use super::tables::{Meshes, Region, Rooms, cell_room, pair_quads, stand, status_row, world_row};
+use super::tables::{Meshes, Region, Rooms, cell_room, deform, pair_quads, stand, status_row, world_row};
 use super::{lists, rows, scan, step};
-use crate::backend::common::{Portrait, leavers, overlap_failure, runaway_failure, too_deep, unload};
+use crate::backend::common::{
+    Portrait, leavers, narrow_failure, overlap_failure, runaway_failure, too_deep, unload,
+};
 use crate::backend::cpu::CpuFleet;
 use crate::backend::{Detail, Fleet, Job, Moment, PhaseTimes};
+use crate::cell::too_narrow;
 use crate::failure::Failure;
+use crate::measure::Tensors;
 use crate::setup::{BoundaryShape, Constants};
 use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
 
@@ -116,7 +120,9 @@ fn signature(c: &Constants, fused: bool) -> Signature {
         damping: c.spec.local_damping > 0.0,
         merged: c.count <= MERGED,
         shape: Shape::of(c.count),
-        orthogonal: c.lattice.orthogonal,
+        sample: c.is_sample(),
+        deforms: c.deforms(),
+        orthogonal: c.lattice.orthogonal && !c.deforms(),
         fused,
     }
 }
@@ -148,8 +154,10 @@ impl<R: Runtime> GpuFleet<R> {
             let group = Group::allocate(&device, signature, &counted, &rooms);
             let b = group.b.all();
             // Tables, sums over a stretch, what surfaces feel in it, and where they stand.
-            let surfaces =
-                |c: &Constants| c.spec.surfaces.len() * 12 + c.boundaries.len() * pose::WORDS as usize;
+            let surfaces = |c: &Constants| {
+                let cell = if c.deforms() { world::CELL_WORDS as usize } else { 0 };
+                c.spec.surfaces.len() * 12 + c.boundaries.len() * pose::WORDS as usize + cell
+            };
             let followed: usize = worlds.iter().map(|c| STRETCH as usize * surfaces(c)).sum();
             let tables = worlds.len() * world::WORDS as usize;
             let stretch = 4 * (group.blocks() * SUMS as usize * 2 + followed + tables);
@@ -461,7 +469,7 @@ impl Group {
             row_sums: device
                 .zeros(if signature.merged { 1 } else { (row_room + 1) * step::ROW_QUADS as usize }, QUAD),
             sums: device.zeros(1, 4),
-            sights: device.zeros(signature.blocks(n, row_room) * SIGHTS as usize, 4),
+            sights: device.zeros(signature.blocks(n, row_room) * signature.sights() as usize, 4),
             series: device.zeros(1, 4),
             bins: device.zeros(n, 4),
             counters: device.zeros(cells as usize, 4),
@@ -652,6 +660,10 @@ impl Group {
                 }
             }
         }
+        for (w, job) in jobs.iter().enumerate() {
+            let (g, steps, reference) = job.unwrap_or((&self.last[w], 0, false));
+            deform(&mut worlds, w * world::WORDS as usize, &self.worlds[w], g, steps, reference);
+        }
         self.b.worlds = device.upload(&worlds);
         self.b.bounds = device.upload(&self.bound_rows);
         self.b.poses = device.upload(&poses);
@@ -688,6 +700,9 @@ impl Group {
             if g.stale {
                 for s in 0..g.surfaces.len() {
                     g.surfaces[s].reference = g.surfaces[s].placed(&self.worlds[*w], s, g).pose;
+                }
+                if let Some(cell) = &mut g.cell {
+                    cell.refer();
                 }
                 g.stale = false;
                 g.rebuilt = g.step;
@@ -733,6 +748,22 @@ impl Group {
         device.read(&flags, 0, flags.len)
     }
 
+    /// Lets the servos act that are due.
+    fn govern<R: Runtime>(&mut self, device: &Device<R>, jobs: &mut [(usize, &mut Job<'_>)], left: &[u64]) {
+        let due: Vec<usize> = (0..jobs.len())
+            .filter(|&k| left[k] > 0 && self.worlds[jobs[k].0].governs(jobs[k].1.progress))
+            .collect();
+        if due.is_empty() {
+            return;
+        }
+        let asked: Vec<(usize, &Progress)> = due.iter().map(|&k| (jobs[k].0, &*jobs[k].1.progress)).collect();
+        let seen = self.observe_all(device, &asked);
+        for (k, moment) in due.into_iter().zip(seen) {
+            let (w, job) = &mut jobs[k];
+            self.worlds[*w].govern(job.progress, moment.tensors.as_ref());
+        }
+    }
+
     /// One stretch of steps of every job.
     fn stretch<R: Runtime>(
         &mut self,
@@ -741,6 +772,7 @@ impl Group {
         left: &mut [u64],
     ) {
         let began = Instant::now();
+        self.govern(device, jobs, left);
         let mut asked: Vec<Option<(&Progress, u64, bool)>> = vec![None; self.worlds.len()];
         let mut longest = 0;
         for w in 0..self.worlds.len() {
@@ -750,7 +782,11 @@ impl Group {
             self.set_state(w, status::REBUILT, NONE);
         }
         for ((w, job), n) in jobs.iter().zip(left.iter()) {
-            let steps = (*n).min(STRETCH);
+            let steps = steps_ahead(
+                &self.worlds[*w],
+                job.progress,
+                (*n).min(STRETCH).min(self.worlds[*w].steps_governed(job.progress)),
+            );
             self.states[*w * status::WORDS as usize + status::TARGET as usize] = steps as u32;
             longest = longest.max(steps);
             asked[*w] = Some((&*job.progress, steps, false));
@@ -879,6 +915,16 @@ impl Group {
             let rebuilt = self.state_word(w, status::REBUILT);
             g.skin = f64::from(f32::from_bits(self.state_word(w, status::SKIN)));
             g.rebuilds += u64::from(self.state_word(w, status::REBUILDS));
+            if let Some(cell) = &mut g.cell {
+                for t in 0..=done {
+                    if t > 0 {
+                        cell.step(c.dt);
+                    }
+                    if t == u64::from(rebuilt) {
+                        cell.refer();
+                    }
+                }
+            }
             if rebuilt != NONE {
                 let now = g.step;
                 g.step = begin + u64::from(rebuilt);
@@ -893,7 +939,10 @@ impl Group {
             let worst = f64::from(f32::from_bits(f[flag::WORST as usize]));
             let deep = too_deep(&c, g, worst);
             match f[flag::HALT as usize] {
-                halt::NO => {}
+                halt::NO => {
+                    job.outcome = narrow_failure(&c, g, &c.lattice_now(g));
+                    *left = if job.outcome.is_ok() { *left } else { 0 };
+                }
                 halt::LEFT | halt::ROOM => stopped.push(w),
                 why => {
                     *left = 0;
@@ -1154,25 +1203,44 @@ impl Group {
     }
 
     fn observe<R: Runtime>(&mut self, device: &Device<R>, w: usize, g: &Progress) -> Moment {
+        self.observe_all(device, &[(w, g)]).pop().unwrap_or_default()
+    }
+
+    /// Looks at several worlds at once.
+    fn observe_all<R: Runtime>(&mut self, device: &Device<R>, asked: &[(usize, &Progress)]) -> Vec<Moment> {
         let mut jobs = vec![None; self.worlds.len()];
-        jobs[w] = Some((g, 0, false));
         for w in 0..self.worlds.len() {
             self.set_state(w, status::BASE, 0);
             self.set_state(w, status::TARGET, 0);
         }
-        self.set_state(w, status::ASKED, LOOK);
+        for (w, g) in asked {
+            jobs[*w] = Some((*g, 0, false));
+            self.set_state(*w, status::ASKED, LOOK);
+        }
         self.prepare(device, &jobs);
         if device.broken().is_some() {
-            return Moment::default();
+            return Vec::new();
         }
         self.look(device, Purpose::Observe);
-        self.set_state(w, status::ASKED, 0);
         let sights = self.b.sights.clone();
         let sights: Vec<f32> = device.read(&sights, 0, sights.len);
+        for (w, _) in asked {
+            self.set_state(*w, status::ASKED, 0);
+        }
+        asked.iter().map(|(w, _)| self.moment(*w, &sights)).collect()
+    }
+
+    /// The sums over a world from those of its blocks.
+    fn moment(&self, w: usize, sights: &[f32]) -> Moment {
         let mut m = Moment::default();
         let mut twice = 0.0;
+        let mut inside = [0.0; INNER as usize];
         for block in self.blocks_of(w) {
-            let at = block * SIGHTS as usize;
+            let at = block * self.signature.sights() as usize;
+            if self.signature.sample {
+                let parts = &sights[at + SIGHTS as usize..];
+                inside.iter_mut().zip(parts).for_each(|(sum, part)| *sum += f64::from(*part));
+            }
             let s: [f64; SIGHTS as usize] = std::array::from_fn(|k| f64::from(sights[at + k]));
             m.translation += s[0];
             m.rotation += s[1];
@@ -1185,6 +1253,7 @@ impl Group {
             m.speed = m.speed.max(s[8].sqrt());
         }
         m.contacts = (0.5 * twice).round() as u64;
+        m.tensors = self.signature.sample.then(|| tensors(&inside, self.counts[w] as u64, m.contacts));
         m
     }
 
@@ -1564,6 +1633,35 @@ impl Group {
     }
 }
 
+/// The sums over a sample, from those of [`inner`].
+fn tensors(sums: &[f64; INNER as usize], particles: u64, contacts: u64) -> Tensors {
+    let at = |k: u32| sums[k as usize];
+    let symmetric = |k: u32| {
+        let [xx, yy, zz, xy, yz, zx] = [0, 1, 2, 3, 4, 5].map(|q| at(k + q));
+        [[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]]
+    };
+    Tensors {
+        particles,
+        contacts,
+        contact: [0, 3, 6].map(|row| [0, 1, 2].map(|k| at(inner::CONTACT + row + k))),
+        kinetic: symmetric(inner::KINETIC),
+        fabric: symmetric(inner::FABRIC),
+        stiffness: at(inner::STIFFNESS),
+        solid: 4.0 / 3.0 * std::f64::consts::PI * at(inner::CUBES),
+        rattlers: [0, 1].map(|k| at(inner::RATTLERS + k).round() as u64),
+    }
+}
+
+/// Steps of `most` until the cell has become too narrow.
+fn steps_ahead(c: &Constants, g: &Progress, most: u64) -> u64 {
+    let Some(mut cell) = g.cell else { return most };
+    let narrow = (1..most).find(|_| {
+        cell.step(c.dt);
+        too_narrow(&c.lattice.deformed(&cell.matrix), c.cutoff()).is_some()
+    });
+    narrow.unwrap_or(most)
+}
+
 /// What a contact remembers, as four words; laws that remember more are refused.
 fn spring(history: &[f32]) -> [f32; 4] {
     std::array::from_fn(|k| history.get(k).copied().unwrap_or_default())
@@ -1588,6 +1686,6 @@ impl State {
             pairs.map(|m| (if m.id[0] == id { m.id[1] } else { m.id[0] }).to_string()).collect();
         let surfaces = self.surface_contacts.iter().filter(|m| m.id == id);
         with.extend(surfaces.map(|m| format!("`{}`", c.boundaries[m.surface as usize].name)));
-        Portrait::of(c, &self.particles, i).describe(with)
+        Portrait::of(&c.lattice_now(&self.progress), &self.particles, i).describe(with)
     }
 }

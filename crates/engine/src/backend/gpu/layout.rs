@@ -60,6 +60,10 @@ pub struct Signature {
     pub merged: bool,
     /// What a block of a step is.
     pub shape: Shape,
+    /// Whether stress and fabric are measured.
+    pub sample: bool,
+    /// Whether the cell deforms.
+    pub deforms: bool,
     /// Whether the cell is a box along the axes.
     pub orthogonal: bool,
     /// Whether the device's `fma` is fused.
@@ -76,6 +80,11 @@ impl Signature {
     pub fn blocks(&self, padded: usize, rows: usize) -> usize {
         let near = if self.near_blocks() { rows / self.shape.near as usize } else { 0 };
         padded / self.shape.owners as usize + near
+    }
+
+    /// Sums of an observation per block.
+    pub fn sights(&self) -> u32 {
+        SIGHTS + if self.sample { INNER } else { 0 }
     }
 
     /// Particles near surfaces that share a block.
@@ -158,26 +167,48 @@ pub mod world {
     pub const RUNAWAY: u32 = 31;
     /// Overlap that stops the world.
     pub const OVERLAP: u32 = 32;
-    /// Metres per unit: leading parts (9), rests (9).
+    /// Metres per unit: leading parts (9), rests (9). This and what follows up to `PATH` is the cell; one that deforms
+    /// has as many words for each step, see [`super::cell_at`].
     pub const UNIT: u32 = 33;
     /// Units per metre (9).
     pub const INVERSE: u32 = 51;
-    /// Interaction distance beyond touch \[m\].
-    pub const RANGE: u32 = 60;
-    /// Mean radius \[m\].
-    pub const RADIUS_MEAN: u32 = 61;
-    /// Largest radius \[m\].
-    pub const RADIUS_MAX: u32 = 62;
     /// Height of a window along each axis \[m\].
-    pub const HEIGHT: u32 = 63;
+    pub const HEIGHT: u32 = 60;
+    /// How much any distance may have shrunk since the start, as [`super::path_word`] writes it.
+    pub const PATH: u32 = 63;
+    /// Words of a cell.
+    pub const CELL_WORDS: u32 = 31;
+    /// Interaction distance beyond touch \[m\].
+    pub const RANGE: u32 = 64;
+    /// Mean radius \[m\].
+    pub const RADIUS_MEAN: u32 = 65;
+    /// Largest radius \[m\].
+    pub const RADIUS_MAX: u32 = 66;
     /// First entry of the series of surface forces.
-    pub const SERIES: u32 = 66;
+    pub const SERIES: u32 = 67;
     /// Surfaces whose forces are kept.
-    pub const SURFACES: u32 = 67;
+    pub const SURFACES: u32 = 68;
     /// First slice.
-    pub const SLICES: u32 = 68;
+    pub const SLICES: u32 = 69;
     /// Energy gained by a particle of unit mass that wraps upwards along each axis \[m²/s²\].
-    pub const WRAP: u32 = 69;
+    pub const WRAP: u32 = 70;
+    /// The cell of the job's first step, less `UNIT`.
+    pub const CELL: u32 = 73;
+    /// Words from the cell of a step to that of the next; 0 if it stands still.
+    pub const CELL_STRIDE: u32 = 74;
+    /// `PATH` at the last rebuild before the job.
+    pub const REFERENCE: u32 = 75;
+    /// Velocity gradient of the cell (9) \[1/s\].
+    pub const GRADIENT: u32 = 76;
+}
+
+/// Words per unit of strain in `world::PATH`.
+const PATH_UNITS: f64 = 1_048_576.0;
+
+/// A sum of strains as a whole number, rounded up, of which differences alone matter: they are the same wherever a run
+/// was split.
+pub fn path_word(path: f64) -> u32 {
+    (path * PATH_UNITS).ceil() as u64 as u32
 }
 
 /// Words of a world's state that only the rebuild's one-unit kernels and the host write.
@@ -318,11 +349,42 @@ pub const IMAGE_ZERO: i32 = 512;
 pub const SUMS: u32 = 8;
 /// Sums of an observation per block.
 pub const SIGHTS: u32 = 10;
+/// Further ones of a sample, see [`inner`].
+pub const INNER: u32 = 27;
+
+/// Sums over contacts and particles of a sample.
+pub mod inner {
+    /// Branch times force on the partner, by rows (9).
+    pub const CONTACT: u32 = 0;
+    /// Normal times normal: xx, yy, zz, xy, yz, zx.
+    pub const FABRIC: u32 = 9;
+    /// Stiffness times the square of the branch.
+    pub const STIFFNESS: u32 = 15;
+    /// Mass times velocity times velocity: xx, yy, zz, xy, yz, zx.
+    pub const KINETIC: u32 = 16;
+    /// Cubes of radii.
+    pub const CUBES: u32 = 22;
+    /// Particles without a contact, and with one.
+    pub const RATTLERS: u32 = 23;
+}
 
 /// A float of a table.
 #[cube]
 pub fn float_at(table: &Array<u32>, at: u32) -> f32 {
     f32::reinterpret(table[at as usize])
+}
+
+/// Where the cell stands at step `t` of a job, as the words of a world: what is looked up with it are `world::UNIT` to
+/// `world::PATH`.
+#[cube]
+pub fn cell_at(worlds: &Array<u32>, c: u32, t: u32) -> u32 {
+    worlds[(c + world::CELL) as usize] + t * worlds[(c + world::CELL_STRIDE) as usize]
+}
+
+/// How much any distance may have shrunk from one cell to a later one.
+#[cube]
+pub fn shrunk(from: u32, to: u32) -> f32 {
+    f32::cast_from(to - from) * comptime!((1.0 / PATH_UNITS) as f32)
 }
 
 /// Whether a step launch does anything in a world.

@@ -7,8 +7,8 @@
 use cubecl::prelude::*;
 
 use super::layout::{
-    BLOCK, F4, NONE, PARTNER, PERIOD, RELIST, SECOND, SLICE, TOUCHING, U4, flag, float_at, halt, status,
-    world,
+    BLOCK, F4, NONE, PARTNER, PERIOD, RELIST, SECOND, SLICE, TOUCHING, U4, cell_at, flag, float_at, halt,
+    status, world,
 };
 use super::step::apart2;
 use crate::setup::{REBUILT_SOON, SKIN_MAX, SKIN_MIN, SKIN_WIDER};
@@ -69,9 +69,10 @@ pub fn begin(
             let reach = 2.0f32 * float_at(worlds, c + world::RADIUS_MAX)
                 + float_at(worlds, c + world::RANGE)
                 + wanted;
+            let cell = cell_at(worlds, c, base + done);
             #[unroll]
             for k in 0..3u32 {
-                let height = float_at(worlds, c + world::HEIGHT + k);
+                let height = float_at(worlds, cell + world::HEIGHT + k);
                 let cells = f32::floor(height / (reach * (1.0f32 + MARGIN)));
                 states[(s + status::CELLS + k) as usize] =
                     u32::cast_from(f32::clamp(cells, 1.0f32, 1.0e5f32));
@@ -403,6 +404,11 @@ fn take(
     #[comptime] orthogonal: bool,
 ) -> Ends {
     let c = w * world::WORDS;
+    let cell = if comptime!(orthogonal) {
+        c
+    } else {
+        cell_at(worlds, c, states[(w * status::WORDS + status::BASE) as usize])
+    };
     let lo = refs[(2u32 * (half + i)) as usize];
     let r = f32::reinterpret(lo[3]) + float_at(worlds, c + world::RANGE);
     let skin = float_at(states, w * status::WORDS + status::SKIN);
@@ -411,7 +417,7 @@ fn take(
     for j in begin..end {
         let there = half + j;
         let lo_j = refs[(2u32 * there) as usize];
-        let d2 = apart2(worlds, c, lo, lo_j, orthogonal);
+        let d2 = apart2(worlds, cell, lo, lo_j, orthogonal);
         let touch = r + f32::reinterpret(lo_j[3]);
         let reach = (touch + skin) * 1.000_001f32;
         let mut listed = d2 < reach * reach && j != i;

@@ -71,6 +71,8 @@ pub struct Effect {
     pub stretch: V3,
     /// 1 if it slips.
     pub slip: f32,
+    /// Stiffness of the normal spring \[N/m\].
+    pub stiffness: f32,
     /// Energy of normal spring and cohesion \[J\].
     pub energy_normal: f32,
     /// Energy of the tangential spring \[J\].
@@ -161,6 +163,7 @@ pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] l
         roll_b: r.on_j,
         stretch: scaled(t.stretch, kept),
         slip: t.slip * kept,
+        stiffness: normal.stiffness,
         energy_normal: normal.energy + attraction.energy,
         energy_tangential: t.energy * on,
         energy_before: t.energy_before * on,

@@ -5,16 +5,17 @@ use glebe_physics::IntegratorKind;
 use glebe_physics::kernel::integrate::{
     Adams, Advance, Euler, Exact, Scheme, VelocityVerlet, locally_damped,
 };
-use glebe_physics::kernel::vector::{V3, dot, plus, scaled};
+use glebe_physics::kernel::vector::{V3, dot, minus, plus, scaled};
 
 use super::compensated::{sum, tidy};
 use super::contacts::{COLUMNS, contacts_of, desk, seat};
 use super::layout::{
-    BLOCK, F4, LOOK, NONE, SIGHTS, SLOTS, SUMS, Signature, U4, active, boundary, flag, float_at, halt, pose,
-    quick, status, world,
+    BLOCK, F4, INNER, LOOK, NONE, SIGHTS, SLOTS, SUMS, Signature, U4, active, boundary, cell_at, flag,
+    float_at, halt, inner, pose, quick, shrunk, status, world,
 };
 use super::pair::inverse_inertia;
 use super::surfaces::surfaces_of;
+use crate::cell::STEP_GROWTH;
 
 /// What a launch is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -60,6 +61,8 @@ pub struct Sums {
     pub contacts: u32,
     /// Contacts with surfaces.
     pub touches: u32,
+    /// Contacts of the owner with particles, where a sample is looked at.
+    pub partners: f32,
 }
 
 /// A rounding of small angles and such needs no sign of zero: the vector of zeros.
@@ -185,6 +188,18 @@ fn shifted(lo: u32, rest: f32, units: f32) -> Shifted {
     let up = steps > 0i32 && now < lo;
     let down = steps < 0i32 && now > lo;
     Shifted { lo: now, rest: moved - whole, carry: select(up, 1i32, select(down, 0i32 - 1i32, 0i32)) }
+}
+
+/// The cell at a step of a job, see [`cell_at`]; the world's own words where it stands still.
+#[cube]
+fn cell_of_step(worlds: &Array<u32>, c: u32, t: u32, #[comptime] s: Signature) -> u32 {
+    if comptime!(s.deforms) { cell_at(worlds, c, t) } else { c }
+}
+
+/// What a cell that deforms takes from the acceleration of a particle with velocity `v`.
+#[cube]
+fn carried(worlds: &Array<u32>, c: u32, v: V3) -> V3 {
+    turned(worlds, c + world::GRADIENT, v.x, v.y, v.z, false)
 }
 
 /// What moving a particle ends with.
@@ -321,6 +336,7 @@ fn on_surfaces(row_sums: &Array<F4>, row: u32) -> Sums {
         worst: f[2],
         contacts: 0u32,
         touches: u32::cast_from(f[3]),
+        partners: 0.0f32,
     }
 }
 
@@ -440,7 +456,37 @@ pub fn nothing() -> Sums {
         worst: 0.0f32,
         contacts: 0u32,
         touches: 0u32,
+        partners: 0.0f32,
     }
+}
+
+/// Half of what a contact adds to the sums of a sample, see [`inner`]; the other half is seen from the other side.
+#[cube]
+pub fn see_contact(sights: &mut Array<f32>, n: V3, distance: f32, force: V3, stiffness: f32) {
+    let half = 0.5f32 * distance;
+    // `force` acts on the first, sums are of that on the second.
+    sights[0] -= half * n.x * force.x;
+    sights[1] -= half * n.x * force.y;
+    sights[2] -= half * n.x * force.z;
+    sights[3] -= half * n.y * force.x;
+    sights[4] -= half * n.y * force.y;
+    sights[5] -= half * n.y * force.z;
+    sights[6] -= half * n.z * force.x;
+    sights[7] -= half * n.z * force.y;
+    sights[8] -= half * n.z * force.z;
+    square_of(sights, inner::FABRIC, n, 0.5f32);
+    sights[inner::STIFFNESS as usize] += half * distance * stiffness;
+}
+
+/// Adds `s v⊗v`: xx, yy, zz, xy, yz, zx.
+#[cube]
+fn square_of(sights: &mut Array<f32>, #[comptime] at: u32, v: V3, s: f32) {
+    sights[at as usize] += s * v.x * v.x;
+    sights[comptime!(at + 1) as usize] += s * v.y * v.y;
+    sights[comptime!(at + 2) as usize] += s * v.z * v.z;
+    sights[comptime!(at + 3) as usize] += s * v.x * v.y;
+    sights[comptime!(at + 4) as usize] += s * v.y * v.z;
+    sights[comptime!(at + 5) as usize] += s * v.z * v.x;
 }
 
 /// The sums of columns of `shared` (`columns` of one value per unit) left in the first entry of each.
@@ -518,7 +564,7 @@ pub fn drift(
             let rest = own[(2u32 * mine + 1u32) as usize];
             let land = displaced(
                 worlds,
-                c,
+                cell_of_step(worlds, c, states[(st + status::BASE) as usize] + k, s),
                 here,
                 rest,
                 refs[(2u32 * mine) as usize],
@@ -605,17 +651,27 @@ pub fn step(
         let moves = comptime!(purpose == Purpose::Step);
         let dt = select(moves, full, 0.0f32);
         let t = base + k;
+        // Forces of schemes that move before them belong to the end of the step.
+        let late = comptime!(u32::from(moves && s.integrator == IntegratorKind::VelocityVerlet));
+        let cell = cell_of_step(worlds, c, t + late, s);
         let mut out = Array::<f32>::new(comptime!(COLUMNS as usize));
         #[unroll]
         for q in 0..COLUMNS {
             out[q as usize] = 0.0f32;
         }
+        let mut sight = Array::<f32>::new(comptime!(INNER as usize));
+        if comptime!(s.sample && purpose == Purpose::Observe) {
+            #[unroll]
+            for q in 0..INNER {
+                sight[q as usize] = 0.0f32;
+            }
+        }
         let mut desk = desk(s, purpose);
         seat(&mut desk, block, padded, list_room, row_room, w, which, worlds, states, lists, rows, s);
         let p = contacts_of(
-            &mut desk, block, k, padded, row_room, facet_room, names, w, which, parity, t, dt, flags, worlds,
-            pairs, place, vel, spin, own, refs, nbr, hist, bounds, poses, tris, verts, rows, facets,
-            row_count, row_mem, push, s, purpose,
+            &mut desk, block, k, padded, row_room, facet_room, names, w, which, parity, t, cell, dt, flags,
+            worlds, pairs, place, vel, spin, own, refs, nbr, hist, bounds, poses, tris, verts, rows, facets,
+            row_count, row_mem, push, &mut sight, s, purpose,
         );
         // Energies and losses are those of the contacts that this unit looked at.
         if comptime!(purpose == Purpose::Observe) {
@@ -676,12 +732,21 @@ pub fn step(
                 out[6] += f32::cast_from(q.touches);
                 out[7] = worst;
                 out[8] = dot(v, v);
+                if comptime!(s.sample) {
+                    square_of(&mut sight, inner::KINETIC, v, 1.0f32 / im);
+                    sight[inner::CUBES as usize] = r * r * r;
+                    sight[inner::RATTLERS as usize] = select(p.partners == 0.0f32, 1.0f32, 0.0f32);
+                    sight[comptime!(inner::RATTLERS + 1) as usize] =
+                        select(p.partners == 1.0f32, 1.0f32, 0.0f32);
+                }
             } else if comptime!(purpose == Purpose::Prime) {
-                slow[(3u32 * mine) as usize] = four(free.x, free.y, free.z, 0.0f32);
+                let a = if comptime!(s.deforms) { minus(free, carried(worlds, c, v)) } else { free };
+                slow[(3u32 * mine) as usize] = four(a.x, a.y, a.z, 0.0f32);
                 slow[(3u32 * mine + 1u32) as usize] = four(turning.x, turning.y, turning.z, 0.0f32);
             } else {
                 let d = float_at(worlds, c + world::DAMPING);
-                let a = if comptime!(s.damping) { damped(v, free, d, dt) } else { free };
+                let braked = if comptime!(s.damping) { damped(v, free, d, dt) } else { free };
+                let a = if comptime!(s.deforms) { minus(braked, carried(worlds, c, v)) } else { braked };
                 let b = if comptime!(s.damping) { damped(w3, turning, d, dt) } else { turning };
                 let known = states[(st + status::PRIMED) as usize] == 1u32 || t > 0u32;
                 let old_a = if comptime!(s.integrator == IntegratorKind::Adams) {
@@ -704,7 +769,7 @@ pub fn step(
                 let d2 = dot(dx, dx);
                 let fine = d2 <= float_at(worlds, c + world::RUNAWAY);
                 let held = pick(fine, dx, zero());
-                let land = displaced(worlds, c, here, rest, lo_ref, held, comptime!(s.orthogonal));
+                let land = displaced(worlds, cell, here, rest, lo_ref, held, comptime!(s.orthogonal));
                 let next = (ahead_half + i) as usize;
                 place[next] = quad(land.x.lo, land.y.lo, land.z.lo, here[3]);
                 vel[next] = four(x.v, y.v, z.v, im);
@@ -743,7 +808,21 @@ pub fn step(
                     let reach = f32::sqrt(land.away) + f32::sqrt(dot(next_dx, next_dx));
                     away = reach * reach;
                 }
-                if away > 0.25f32 * skin * skin {
+                let mut outdated = away > 0.25f32 * skin * skin;
+                if comptime!(s.deforms) {
+                    let rebuilt = states[(st + status::REBUILT) as usize];
+                    let known = rebuilt != NONE;
+                    let then = cell_at(worlds, c, select(known, rebuilt, 0u32)) + world::PATH;
+                    let since = worlds[select(known, then, c + world::REFERENCE) as usize];
+                    // The next forces are those of the cell one step later.
+                    let now = worlds[(cell_at(worlds, c, t + late + 1u32) + world::PATH) as usize];
+                    let touch =
+                        2.0f32 * float_at(worlds, c + world::RADIUS_MAX) + float_at(worlds, c + world::RANGE);
+                    let left = skin - shrunk(since, now) * (touch + skin);
+                    let growth = comptime!((STEP_GROWTH * STEP_GROWTH) as f32);
+                    outdated = left <= 0.0f32 || growth * away > 0.25f32 * left * left;
+                }
+                if outdated {
                     flags[(f + flag::STALE) as usize].fetch_min(k);
                 }
                 if !fine {
@@ -768,7 +847,7 @@ pub fn step(
                     out[1] -= dt * (q.dash_power + share * (dot(dash, dv) + dot(drag, dw)));
                     out[2] -= dt * (q.roll_power + share * dot(roll, dw));
                     if comptime!(s.damping) {
-                        let lost = V3 { x: free.x - a.x, y: free.y - a.y, z: free.z - a.z };
+                        let lost = minus(free, braked);
                         let spun = V3 { x: turning.x - b.x, y: turning.y - b.y, z: turning.z - b.z };
                         let mid =
                             V3 { x: 0.5f32 * (v.x + x.v), y: 0.5f32 * (v.y + y.v), z: 0.5f32 * (v.z + z.v) };
@@ -780,6 +859,11 @@ pub fn step(
                         out[3] = dt * (dot(lost, mid) / im + dot(spun, mid_w) / inv_inertia);
                     }
                     out[4] += dt * q.work + wrapped;
+                    if comptime!(s.deforms) {
+                        out[4] -=
+                            0.5f32 * dt * dot(carried(worlds, c, v), plus(v, V3 { x: x.v, y: y.v, z: z.v }))
+                                / im;
+                    }
                     out[5] += q.energy_before;
                     out[6] += q.energy_tangential;
                 }
@@ -799,12 +883,30 @@ pub fn step(
                     worst = f32::max(worst, desk.table[(7u32 * s.shape.units + q) as usize]);
                     speed = f32::max(speed, desk.table[(8u32 * s.shape.units + q) as usize]);
                 }
-                sums[(block * SIGHTS + 7u32) as usize] = worst;
-                sums[(block * SIGHTS + 8u32) as usize] = speed;
+                let row = block * comptime!(s.sights());
+                sums[(row + 7u32) as usize] = worst;
+                sums[(row + 8u32) as usize] = speed;
             }
             fold(&mut desk.table, 7u32, s.shape.units);
+            let row = block * comptime!(s.sights());
             if UNIT_POS < 7u32 {
-                sums[(block * SIGHTS + UNIT_POS) as usize] = desk.table[(UNIT_POS * s.shape.units) as usize];
+                sums[(row + UNIT_POS) as usize] = desk.table[(UNIT_POS * s.shape.units) as usize];
+            }
+            if comptime!(s.sample) {
+                #[unroll]
+                for part in 0..3u32 {
+                    sync_cube();
+                    #[unroll]
+                    for q in 0..comptime!(INNER / 3) {
+                        desk.table[(q * s.shape.units + UNIT_POS) as usize] =
+                            sight[comptime!(part * (INNER / 3) + q) as usize];
+                    }
+                    fold(&mut desk.table, comptime!(INNER / 3), s.shape.units);
+                    if UNIT_POS < comptime!(INNER / 3) {
+                        sums[(row + comptime!(SIGHTS + part * (INNER / 3)) + UNIT_POS) as usize] =
+                            desk.table[(UNIT_POS * s.shape.units) as usize];
+                    }
+                }
             }
         }
         if comptime!(purpose == Purpose::Step) {

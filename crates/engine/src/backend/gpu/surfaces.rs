@@ -661,5 +661,6 @@ pub fn surfaces_of(
         worst,
         contacts: 0u32,
         touches: slots,
+        partners: 0.0f32,
     }
 }

@@ -1,7 +1,8 @@
 //! What kernels look up: worlds, pairs of materials, boundaries, meshes and poses, as words.
 
-use super::layout::{BLOCK, IMAGE_ZERO, NONE, SLICE, boundary, pose, status, world};
+use super::layout::{BLOCK, IMAGE_ZERO, NONE, SLICE, boundary, path_word, pose, status, world};
 use crate::backend::common::{runaway_distance, strays};
+use crate::lattice::Lattice;
 use crate::setup::{BoundaryShape, Constants, SKIN_MIN};
 use crate::state::Progress;
 use crate::surface::{Placed, Span, rotate};
@@ -91,17 +92,47 @@ pub fn world_row(c: &Constants, r: &Region, series: u32) -> Vec<u32> {
     put(&mut w, world::DT, &[f(c.dt)]);
     put(&mut w, world::GRAVITY, &c.spec.gravity.map(f));
     put(&mut w, world::DAMPING, &[f(c.spec.local_damping), f(far * far), f(limit)]);
-    for k in 0..9 {
-        let [h, low] = split(l.unit[k / 3][k % 3]);
-        w[(world::UNIT as usize) + k] = h;
-        w[(world::UNIT as usize) + 9 + k] = low;
-        w[(world::INVERSE as usize) + k] = f(l.inverse[k / 3][k % 3]);
-    }
+    put(&mut w, world::UNIT, &cell_words(l, 0.0));
     put(&mut w, world::RANGE, &[f(c.range), f(c.radius_mean), f(c.radius_max)]);
-    put(&mut w, world::HEIGHT, &l.height.map(f));
     put(&mut w, world::SERIES, &[series, c.spec.surfaces.len() as u32, r.first / SLICE]);
     put(&mut w, world::WRAP, &c.fall().map(f));
     w
+}
+
+/// The words of a cell.
+fn cell_words(l: &Lattice, path: f64) -> [u32; world::CELL_WORDS as usize] {
+    let mut w = [0; world::CELL_WORDS as usize];
+    for k in 0..9 {
+        let [h, low] = split(l.unit[k / 3][k % 3]);
+        w[k] = h;
+        w[9 + k] = low;
+        w[(world::INVERSE - world::UNIT) as usize + k] = (l.inverse[k / 3][k % 3] as f32).to_bits();
+    }
+    put(&mut w, world::HEIGHT - world::UNIT, &l.height.map(|h| (h as f32).to_bits()));
+    w[(world::PATH - world::UNIT) as usize] = path_word(path);
+    w
+}
+
+/// Appends the cells of a world at `steps + 3` successive steps from that of `g` on, or the one that its lists are
+/// made of, and points its row, which begins at word `at` of the table, there. A cell that stands still is in the row
+/// itself.
+pub fn deform(words: &mut Vec<u32>, at: usize, c: &Constants, g: &Progress, steps: u64, reference: bool) {
+    let Some(mut cell) = g.cell else {
+        words[at + world::CELL as usize] = at as u32;
+        return;
+    };
+    words[at + world::CELL as usize] = words.len() as u32 - world::UNIT;
+    words[at + world::CELL_STRIDE as usize] = world::CELL_WORDS;
+    words[at + world::REFERENCE as usize] = path_word(cell.reference_path);
+    let gradient = cell.gradient.as_flattened().iter().map(|x| (*x as f32).to_bits());
+    words[at + world::GRADIENT as usize..][..9].iter_mut().zip(gradient).for_each(|(word, x)| *word = x);
+    if reference {
+        (cell.matrix, cell.path) = (cell.reference, cell.reference_path);
+    }
+    for _ in 0..steps + 3 {
+        words.extend(cell_words(&c.lattice.deformed(&cell.matrix), cell.path));
+        cell.step(c.dt);
+    }
 }
 
 /// The coefficients of a world's pairs of materials.
@@ -280,4 +311,4 @@ pub fn status_row(g: &Progress, count: usize) -> Vec<u32> {
     s
 }
 
-const _: () = assert!(world::WRAP + 3 <= world::WORDS);
+const _: () = assert!(world::GRADIENT + 9 <= world::WORDS);

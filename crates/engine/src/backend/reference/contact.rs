@@ -47,6 +47,8 @@ pub struct Pull {
     pub roll: [V3; 2],
     /// Energy of normal spring and cohesion \[J\].
     pub energy_normal: f64,
+    /// Stiffness of the normal spring \[N/m\].
+    pub stiffness: f64,
     /// Of the tangential spring.
     pub tangential: TangentialForce,
 }
@@ -116,6 +118,7 @@ impl Meeting {
             dash: plus(scaled(m.n, -normal.viscous), minus(t.force, t.spring)),
             roll: [r.on_i, r.on_j],
             energy_normal: normal.energy + attraction.energy,
+            stiffness: normal.stiffness,
             tangential: t,
         }
     }

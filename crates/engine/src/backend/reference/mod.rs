@@ -19,12 +19,14 @@ use glebe_physics::kernel64::vector::{V3, cross, dot, minus, plus, scaled};
 use self::contact::{Meeting, Pull};
 use self::motion::{Motion, Moved};
 use super::common::{
-    Portrait, Standing, outside, overlap_failure, quoted, runaway_failure, shown, too_deep, unload,
+    Portrait, Standing, narrow_failure, outside, overlap_failure, quoted, runaway_failure, shown, too_deep,
+    unload,
 };
 use super::worlds::{World, Worlds};
 use super::{Detail, Moment};
 use crate::failure::Failure;
-use crate::lattice::{add, mul, norm, sub};
+use crate::lattice::{Lattice, Vec3x3, add, mul, norm, sub};
+use crate::measure::Tensors;
 use crate::setup::{BoundaryShape, Constants};
 use crate::spec::Vec3;
 use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
@@ -56,25 +58,25 @@ impl Body {
     }
 
     /// How many periods away that is from the cell.
-    fn turns(&self, c: &Constants) -> Vec3 {
-        c.periods(sub(self.x(), c.lattice.origin)).map(f64::floor)
+    fn turns(&self, l: &Lattice) -> Vec3 {
+        l.periods(sub(self.x(), l.origin)).map(f64::floor)
     }
 
     /// The centre of its image inside the cell \[m\].
-    fn inside(&self, c: &Constants) -> Vec3 {
-        sub(self.x(), mul(&c.spec.domain.cell, self.turns(c)))
+    fn inside(&self, l: &Lattice) -> Vec3 {
+        sub(self.x(), mul(&l.cell, self.turns(l)))
     }
 
     fn inv_inertia(&self) -> f64 {
         2.5 * self.inv_mass / (self.radius * self.radius)
     }
 
-    fn portrait(&self, c: &Constants) -> Portrait {
+    fn portrait(&self, l: &Lattice) -> Portrait {
         Portrait {
             id: self.id,
             mass: 1.0 / self.inv_mass,
             radius: self.radius,
-            x: self.inside(c),
+            x: self.inside(l),
             v: array(self.v),
             w: array(self.w),
         }
@@ -109,6 +111,10 @@ pub type ReferenceFleet = Worlds<ReferenceWorld>;
 /// A world computed by the reference.
 pub struct ReferenceWorld {
     c: Arc<Constants>,
+    /// Positions in the cell as it is.
+    lattice: Lattice,
+    /// Velocity gradient of the cell \[1/s\], if it deforms.
+    gradient: Option<Vec3x3>,
     bodies: Vec<Body>,
     standing: Vec<Standing>,
     /// Memory of touching pairs, seen from the lower number.
@@ -120,10 +126,21 @@ pub struct ReferenceWorld {
 impl World for ReferenceWorld {
     fn new(c: Arc<Constants>, state: &mut State) -> Self {
         let standing = c.boundaries.iter().map(|_| Standing::default()).collect();
-        let mut world =
-            Self { c, bodies: Vec::new(), standing, pairs: BTreeMap::new(), surfaces: BTreeMap::new() };
+        let mut world = Self {
+            lattice: c.lattice.clone(),
+            gradient: None,
+            c,
+            bodies: Vec::new(),
+            standing,
+            pairs: BTreeMap::new(),
+            surfaces: BTreeMap::new(),
+        };
         world.load(state);
         world
+    }
+
+    fn constants(&self) -> &Arc<Constants> {
+        &self.c
     }
 
     fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
@@ -139,6 +156,7 @@ impl World for ReferenceWorld {
             self.check(g, &moved)?;
             // The force belongs to the end of the step, for surfaces too.
             g.step += 1;
+            self.deform(g)?;
         }
         self.stand(g);
         let contacts = self.contacts_of_step(c.dt);
@@ -147,7 +165,10 @@ impl World for ReferenceWorld {
         self.guard(g, &contacts)?;
         self.check(g, &moved)?;
         g.primed = true;
-        g.step += u64::from(!split);
+        if !split {
+            g.step += 1;
+            self.deform(g)?;
+        }
         self.release(g);
         Ok(())
     }
@@ -155,7 +176,8 @@ impl World for ReferenceWorld {
     fn observe(&mut self, g: &Progress) -> Moment {
         self.stand(g);
         let mut m = Moment::default();
-        for contact in self.contacts_now() {
+        let contacts = self.contacts_now();
+        for contact in &contacts {
             m.elastic_normal += contact.pull.energy_normal;
             m.elastic_tangential += contact.pull.tangential.energy_before;
             m.overlap = m.overlap.max(contact.depth());
@@ -165,13 +187,14 @@ impl World for ReferenceWorld {
             }
         }
         for b in &self.bodies {
-            let p = b.portrait(&self.c);
+            let p = b.portrait(&self.lattice);
             let e = p.energy(&self.c);
             m.translation += e[0];
             m.rotation += e[1];
             m.potential += e[2];
             m.speed = m.speed.max(norm(p.v));
         }
+        m.tensors = self.c.is_sample().then(|| self.tensors(&contacts));
         m
     }
 
@@ -205,7 +228,7 @@ impl World for ReferenceWorld {
     fn state(&self, g: &Progress) -> State {
         let mut p = Particles::default();
         for b in &self.bodies {
-            let e = self.c.lattice.encode(b.x());
+            let e = self.lattice.encode(b.x());
             p.id.push(b.id);
             p.place.push(Place { lo: e.lo, radius: b.radius as f32 });
             p.velocity.push(Velocity { v: narrow(b.v), inv_mass: b.inv_mass as f32 });
@@ -239,13 +262,14 @@ impl World for ReferenceWorld {
 
     fn load(&mut self, state: &mut State) {
         let p = &state.particles;
+        self.take_cell(&state.progress);
         self.bodies = (0..p.len())
             .map(|i| Body {
                 id: p.id[i],
                 material: p.spin[i].material,
                 radius: f64::from(p.place[i].radius),
                 inv_mass: f64::from(p.velocity[i].inv_mass),
-                home: self.c.lattice.decode(p.hi[i], p.place[i].lo, p.rest[i]),
+                home: self.lattice.decode(p.hi[i], p.place[i].lo, p.rest[i]),
                 moved: [0.0; 3],
                 v: wide(p.velocity[i].v),
                 w: wide(p.spin[i].w),
@@ -274,10 +298,33 @@ impl World for ReferenceWorld {
 }
 
 impl ReferenceWorld {
+    /// Takes up the cell of the present step, and places boundaries.
     fn stand(&mut self, g: &Progress) {
+        self.take_cell(g);
         for (standing, boundary) in self.standing.iter_mut().zip(&self.c.boundaries) {
             standing.place(boundary, &self.c, g);
         }
+    }
+
+    /// Looks things up in the cell of `g`, if it deforms.
+    fn take_cell(&mut self, g: &Progress) {
+        if let Some(cell) = &g.cell {
+            self.lattice = self.c.lattice.deformed(&cell.matrix);
+            self.gradient = Some(cell.gradient);
+        }
+    }
+
+    /// Moves the cell and all particles with it by a step, if it deforms.
+    fn deform(&mut self, g: &mut Progress) -> Result<(), Failure> {
+        let Some(cell) = &mut g.cell else { return Ok(()) };
+        let (map, origin) = (cell.map(self.c.dt), self.lattice.origin);
+        for b in &mut self.bodies {
+            b.home = add(origin, mul(&map, sub(b.home, origin)));
+            b.moved = mul(&map, b.moved);
+        }
+        cell.step(self.c.dt);
+        self.take_cell(g);
+        narrow_failure(&self.c, g, &self.lattice)
     }
 
     /// Accelerations of the present configuration, without a step.
@@ -285,7 +332,7 @@ impl ReferenceWorld {
         let sums = self.sums(&self.contacts_now());
         let gravity = v3(self.c.spec.gravity);
         for (b, [f, t]) in self.bodies.iter_mut().zip(sums) {
-            b.a = plus(scaled(f, b.inv_mass), gravity);
+            b.a = minus(plus(scaled(f, b.inv_mass), gravity), carried(self.gradient, b.v));
             b.alpha = scaled(t, b.inv_inertia());
         }
     }
@@ -316,6 +363,8 @@ impl ReferenceWorld {
                 if distance >= sum + self.c.range {
                     continue;
                 }
+                // The image moves with the cell.
+                let flow = carried(self.gradient, d);
                 let delta = sum - distance;
                 let r_eff = a.radius * b.radius / sum;
                 let meeting = Meeting {
@@ -325,7 +374,7 @@ impl ReferenceWorld {
                     radius: [a.radius, b.radius],
                     inv_mass: [a.inv_mass, b.inv_mass],
                     inv_inertia: [a.inv_inertia(), b.inv_inertia()],
-                    v: [a.v, b.v],
+                    v: [a.v, plus(b.v, flow)],
                     w: [a.w, b.w],
                     r_eff,
                     diameter: 4.0 * r_eff,
@@ -367,17 +416,36 @@ impl ReferenceWorld {
         memory
     }
 
+    /// Sums over contacts of a sample.
+    fn tensors(&self, contacts: &[Contact]) -> Tensors {
+        let mut t = Tensors::default();
+        let mut counts = vec![0_u32; self.bodies.len()];
+        for contact in contacts {
+            let m = &contact.meeting;
+            let branch = scaled(m.n, m.arm[0] + m.arm[1]);
+            t.add_contact(array(branch), array(contact.pull.force), contact.pull.stiffness);
+            counts[contact.i] += 1;
+            if let Partner::Particle(j) = contact.with {
+                counts[j] += 1;
+            }
+        }
+        for (b, n) in self.bodies.iter().zip(counts) {
+            t.add_particle(1.0 / b.inv_mass, b.radius, array(b.v), n);
+        }
+        t
+    }
+
     /// From the centre of `a` to that of the nearest image of `b` \[m\].
     fn between(&self, a: &Body, b: &Body) -> Vec3 {
         let d = add(sub(b.home, a.home), sub(b.moved, a.moved));
-        let turns = self.c.periods(d).map(f64::round);
-        sub(d, mul(&self.c.spec.domain.cell, turns))
+        let turns = self.lattice.periods(d).map(f64::round);
+        sub(d, mul(&self.lattice.cell, turns))
     }
 
     /// The physical contacts of a particle, all its images together, with a boundary.
     fn surface_points(&self, b: &Body, boundary: usize) -> Vec<SurfacePoint> {
         let (shape, standing) = (&self.c.boundaries[boundary], &self.standing[boundary]);
-        let (center, reach) = (b.inside(&self.c), b.radius + self.c.range);
+        let (center, reach) = (b.inside(&self.lattice), b.radius + self.c.range);
         let mut facets = Vec::new();
         let count = match &shape.shape {
             BoundaryShape::Plane(_) => 0,
@@ -397,7 +465,7 @@ impl ReferenceWorld {
     /// The contact of `b` with a boundary, and the contact point from the origin of the boundary's frame.
     fn on_surface(&self, b: &Body, boundary: usize, p: &SurfacePoint) -> (Meeting, V3) {
         let placed = &self.standing[boundary].placed;
-        let center = self.c.shifted(b.inside(&self.c), p.shift);
+        let center = self.c.shifted(b.inside(&self.lattice), p.shift);
         let n = v3(p.n);
         let arm = plus(v3(sub(center, placed.pose.translation)), scaled(n, p.distance));
         let spin = v3(placed.spin);
@@ -436,8 +504,9 @@ impl ReferenceWorld {
     /// Moves all particles: with the force, or ahead of it.
     fn motion(&mut self, g: &mut Progress, kind: IntegratorKind, sums: Option<&[[V3; 2]]>) -> Moved {
         let c = self.c.clone();
-        let moved =
-            integrate::visit(kind, Motion { c: &c, bodies: &mut self.bodies, sums, first: !g.primed });
+        let (lattice, gradient) = (&self.lattice, self.gradient);
+        let motion = Motion { c: &c, lattice, gradient, bodies: &mut self.bodies, sums, first: !g.primed };
+        let moved = integrate::visit(kind, motion);
         g.ledger.work += moved.lifted;
         moved
     }
@@ -464,7 +533,12 @@ impl ReferenceWorld {
             };
             let (vi, wi) = middle(contact.i);
             let (vj, wj) = match contact.with {
-                Partner::Particle(j) => middle(j),
+                Partner::Particle(j) => {
+                    let flow = carried(self.gradient, scaled(m.n, m.arm[0] + m.arm[1]));
+                    ledger.work += c.dt * dot(pull.force, flow);
+                    let (v, w) = middle(j);
+                    (plus(v, flow), w)
+                }
                 Partner::Surface { boundary, .. } => {
                     if let Some(s) = c.boundaries[boundary].surface {
                         let f = scaled(pull.force, -1.0);
@@ -501,9 +575,7 @@ impl ReferenceWorld {
     fn check(&self, g: &Progress, moved: &Moved) -> Result<(), Failure> {
         match moved.runaway {
             None => Ok(()),
-            Some(i) => {
-                Err(runaway_failure(&self.c, g, &self.describe(i), self.bodies[i].portrait(&self.c).v))
-            }
+            Some(i) => Err(runaway_failure(&self.c, g, &self.describe(i), array(self.bodies[i].v))),
         }
     }
 
@@ -513,7 +585,7 @@ impl ReferenceWorld {
         let mut touching: Vec<String> =
             pairs.map(|id| if id[0] == b.id { id[1] } else { id[0] }.to_string()).collect();
         touching.extend(self.surfaces.keys().filter(|k| k.0 == b.id).map(|k| quoted(&self.c, k.1)));
-        b.portrait(&self.c).describe(touching)
+        b.portrait(&self.lattice).describe(touching)
     }
 
     /// Takes out and lists the particles outside the domain.
@@ -534,8 +606,12 @@ impl ReferenceWorld {
                 unload(g, [contact.pull.energy_normal, contact.pull.tangential.energy_before]);
             }
         }
-        let mut left: Vec<_> =
-            self.bodies.iter().zip(&sides).filter_map(|(b, side)| Some((b.portrait(&c), (*side)?))).collect();
+        let mut left: Vec<_> = self
+            .bodies
+            .iter()
+            .zip(&sides)
+            .filter_map(|(b, side)| Some((b.portrait(&self.lattice), (*side)?)))
+            .collect();
         left.sort_unstable_by_key(|(p, _)| p.id);
         for (p, side) in left {
             p.leave(&c, side, g);
@@ -552,6 +628,11 @@ impl Contact {
         let [i, j] = self.meeting.radius;
         self.meeting.delta / if j > 0.0 { i.min(j) } else { i }
     }
+}
+
+/// `U x`, or nothing where the cell does not deform.
+fn carried(gradient: Option<Vec3x3>, x: V3) -> V3 {
+    gradient.map_or(V3::default(), |u| v3(mul(&u, array(x))))
 }
 
 /// The memory of the contact whose normal was nearest to `n`, taken out; none if all were far off.

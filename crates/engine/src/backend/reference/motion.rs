@@ -3,9 +3,9 @@
 use glebe_physics::kernel64::integrate::{Scheme, Visitor, locally_damped};
 use glebe_physics::kernel64::vector::{V3, dot, minus, plus, scaled};
 
-use super::{Body, array, v3};
+use super::{Body, array, carried, v3};
 use crate::backend::common::runaway_distance;
-use crate::lattice::{add, norm, sub};
+use crate::lattice::{Lattice, Vec3x3, add, norm, sub};
 use crate::setup::Constants;
 use crate::spec::Vec3;
 
@@ -25,6 +25,10 @@ pub struct Moved {
 pub struct Motion<'a> {
     /// The world.
     pub c: &'a Constants,
+    /// Positions in the cell as it is.
+    pub lattice: &'a Lattice,
+    /// Velocity gradient of the cell \[1/s\], if it deforms.
+    pub gradient: Option<Vec3x3>,
     /// Its particles.
     pub bodies: &'a mut [Body],
     /// Force and torque on each; `None` ahead of the force.
@@ -43,14 +47,19 @@ impl Visitor for Motion<'_> {
         for (i, b) in self.bodies.iter_mut().enumerate() {
             let dx = match self.sums {
                 None => ahead::<S>(b, dt),
-                Some(sums) => with_force::<S>(b, sums[i], self.c, self.first, &mut moved.damped),
+                Some(sums) => {
+                    let (v, flow) = (b.v, carried(self.gradient, b.v));
+                    let dx = with_force::<S>(b, sums[i], self.c, flow, self.first, &mut moved.damped);
+                    moved.lifted -= 0.5 * dt * dot(flow, plus(v, b.v)) / b.inv_mass;
+                    dx
+                }
             };
             let far = runaway_distance(self.c);
             // Not a number fails the comparison too.
             if norm(dx) <= far {
-                let before = b.turns(self.c);
+                let before = b.turns(self.lattice);
                 b.moved = add(b.moved, dx);
-                moved.lifted += dot(v3(sub(b.turns(self.c), before)), fall) / b.inv_mass;
+                moved.lifted += dot(v3(sub(b.turns(self.lattice), before)), fall) / b.inv_mass;
             } else {
                 moved.runaway.get_or_insert(i);
             }
@@ -74,6 +83,7 @@ fn with_force<S: Scheme>(
     b: &mut Body,
     [force, torque]: [V3; 2],
     c: &Constants,
+    flow: V3,
     first: bool,
     damped: &mut f64,
 ) -> Vec3 {
@@ -84,6 +94,8 @@ fn with_force<S: Scheme>(
         v3(zip(array(v), array(a), |v, a| if damping > 0.0 { locally_damped(v, a, damping, dt) } else { a }))
     };
     let (a, alpha) = (reduced(b.v, free), reduced(b.w, turning));
+    let braked = a;
+    let a = minus(a, flow);
     let (a_old, alpha_old) = if first { (a, alpha) } else { (b.a, b.alpha) };
     let advance = |v: V3, a: V3, old: V3| {
         let (v, a, old) = (array(v), array(a), array(old));
@@ -92,8 +104,8 @@ fn with_force<S: Scheme>(
     let (x, y) = (advance(b.v, a, a_old), advance(b.w, alpha, alpha_old));
     let (v, w) = (v3(x.map(|s| s.v)), v3(y.map(|s| s.v)));
     let work = |lost: V3, old: V3, new: V3| 0.5 * dt * dot(lost, plus(old, new));
-    *damped +=
-        work(minus(free, a), b.v, v) / b.inv_mass + work(minus(turning, alpha), b.w, w) / b.inv_inertia();
+    *damped += work(minus(free, braked), b.v, v) / b.inv_mass
+        + work(minus(turning, alpha), b.w, w) / b.inv_inertia();
     (b.force, b.a, b.alpha, b.v, b.w) = (force, a, alpha, v, w);
     x.map(|s| s.dx)
 }
