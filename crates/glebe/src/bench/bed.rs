@@ -5,13 +5,14 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glebe_engine::backend::Backend;
-use glebe_engine::batch::{Batch, Blind, Status};
+use glebe_engine::batch::{Batch, Blind, Status, positions};
 use glebe_engine::generate::{FillRequest, GenerateError, Region, generate, solid_volume};
 use glebe_engine::lattice::cross;
 use glebe_engine::spec::{Domain, Side, Stage, Step, Time, Until, Vec3, WorldSpec};
 use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
 use glebe_io::checkpoint::{self, Header};
+use glebe_io::output::write_atomic;
 use glebe_physics::IntegratorKind;
 use sha2::{Digest, Sha256};
 
@@ -260,6 +261,30 @@ impl Bed {
                 .sound_state(0)
                 .map_err(|failure| BenchError::Stopped { bed: *self, status: Status::Failed(failure) }),
         }
+    }
+
+    /// Writes the prepared bed as `<bed>-<mode>-<particles>.csv`: a row of place \[m\], radius \[m\] and velocity
+    /// \[m/s\] per particle, in the order of their numbers.
+    pub fn write(&self, prepared: &Prepared, folder: &Path) -> Result<(), BenchError> {
+        let constants = self.constants(1, false)?;
+        let particles = &prepared.state.particles;
+        let mut rows: Vec<_> = positions(&constants, &prepared.state)
+            .into_iter()
+            .zip(&particles.place)
+            .zip(&particles.velocity)
+            .zip(&particles.id)
+            .collect();
+        rows.sort_by_key(|(_, id)| **id);
+        let name = format!("{}-{}-{}.csv", self.kind.name().replace(':', "to"), self.mode.name(), self.count);
+        write_atomic(&folder.join(name), |out| {
+            writeln!(out, "x,y,z,radius,vx,vy,vz")?;
+            for (((x, place), velocity), _) in &rows {
+                let ([x, y, z], [u, v, w]) = (x, velocity.v);
+                writeln!(out, "{x},{y},{z},{},{u},{v},{w}", place.radius)?;
+            }
+            Ok(())
+        })?;
+        Ok(())
     }
 
     /// A digest of all that the prepared bed depends on.

@@ -109,7 +109,9 @@ impl BedKind {
         let [min, max] = self.radii();
         match self {
             Self::Mono => SizeDistribution::Constant(min).sample(count, seed),
-            Self::Poly | Self::Soil | Self::Peers => SizeDistribution::Uniform { min, max }.sample(count, seed),
+            Self::Poly | Self::Soil | Self::Peers => {
+                SizeDistribution::Uniform { min, max }.sample(count, seed)
+            }
             Self::OneToThree | Self::OneToTen => Ok(equal_volumes(min, max, count)),
         }
     }
