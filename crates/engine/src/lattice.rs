@@ -152,9 +152,10 @@ impl Lattice {
     }
 
     /// Position \[m\] of an encoded one.
+    #[inline]
     pub fn decode(&self, hi: [i32; 3], lo: [u32; 3], rest: [f32; 3]) -> Vec3 {
-        let u = [0, 1, 2].map(|k| f64::from(hi[k]) * UNITS + f64::from(lo[k]) + f64::from(rest[k]));
-        add(self.origin, mul(&self.unit, u))
+        let u = |k: usize| f64::from(hi[k]) * UNITS + f64::from(lo[k]) + f64::from(rest[k]);
+        add(self.origin, mul(&self.unit, [u(0), u(1), u(2)]))
     }
 
     /// Units from the origin along an axis, without the rest.
@@ -174,12 +175,15 @@ impl Lattice {
     }
 
     /// The windows of `now` in the image nearest to `from`; both are places in windows and fractions.
+    #[inline]
     pub fn unwrapped(&self, from: ([i32; 3], [u32; 3]), now: ([i32; 3], [u32; 3])) -> [i32; 3] {
-        [0, 1, 2].map(|k| {
+        let mut hi = now.0;
+        for k in (0..3).filter(|&k| self.periodic[k]) {
             let a = Self::units(from.0[k], from.1[k]);
             let b = Self::units(now.0[k], now.1[k]);
-            ((a + self.difference(k, a, b)) >> 32) as i32
-        })
+            hi[k] = ((a + self.difference(k, a, b)) >> 32) as i32;
+        }
+        hi
     }
 
     /// Metres of a difference in units.

@@ -144,6 +144,7 @@ impl Constants {
         moves.iter().find(|(k, _)| *k == s).map_or(&self.spec.surfaces[s].motion, |(_, m)| m)
     }
     /// A position moved by whole periods.
+    #[inline]
     pub fn shifted(&self, x: Vec3, shift: [i32; 3]) -> Vec3 {
         if shift == [0; 3] { x } else { add(x, mul(&self.spec.domain.cell, shift.map(f64::from))) }
     }

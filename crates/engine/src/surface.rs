@@ -338,6 +338,7 @@ pub struct SurfacePoint {
 impl SurfacePoint {
     /// Where a sphere whose centre is `height` above a plane of unit normal `normal` touches it, or `None`
     /// beyond `reach`.
+    #[inline]
     pub fn of_plane(normal: Vec3, height: f64, reach: f64) -> Option<Self> {
         let into = scale(normal, -height.signum());
         let at = Self { n: into, distance: height.abs(), triangle: 0, shift: [0; 3], rank: 0 };

@@ -58,8 +58,17 @@ fn a_tiny_bed_gives_rates_as_json_and_is_kept() {
     assert!(result["cost_exponent"]["settled"]["mono"].is_number());
 
     let settled = ["--sizes", "300", "--beds", "poly", "--flowing", "none", "--steps", "10"];
-    let again = measured(folder.path(), &settled);
+    let written = folder.path().join("written");
+    std::fs::create_dir(&written).unwrap();
+    let write = ["--write-beds", written.to_str().unwrap()];
+    let again = measured(folder.path(), &[&settled[..], &write].concat());
     assert_eq!(again["beds"][0]["bed_from_cache"], true);
+    let text = std::fs::read_to_string(written.join("poly-settled-300.csv")).unwrap();
+    let rows: Vec<Vec<f64>> =
+        text.lines().skip(1).map(|row| row.split(',').map(|x| x.parse().unwrap()).collect()).collect();
+    assert_eq!(rows.len(), 300);
+    // In metres, on the floor or higher.
+    assert!(rows.iter().all(|r| r.len() == 7 && r[2] > 0.9 * r[3] && (1.59e-3..2.41e-3).contains(&r[3])));
     let table = bench(folder.path(), &settled);
     let text = String::from_utf8_lossy(&table.stdout);
     assert!(text.contains("poly") && text.contains("million particle-steps/s"), "{text}");

@@ -46,6 +46,7 @@ impl Standing {
 
     /// Appends where a sphere around `center` comes within `reach` \[m\] of the plane, or of one of the
     /// `facets`: triangles of a mesh or parts of a shell, each with the image of the sphere that is meant.
+    #[inline]
     pub fn touches(
         &self,
         c: &Constants,

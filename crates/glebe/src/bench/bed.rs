@@ -5,14 +5,15 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glebe_engine::backend::Backend;
-use glebe_engine::batch::{Batch, Blind, Status};
+use glebe_engine::batch::{Batch, Blind, Status, positions};
 use glebe_engine::generate::{FillRequest, GenerateError, Region, generate, solid_volume};
 use glebe_engine::lattice::cross;
 use glebe_engine::spec::{Domain, Side, Stage, Step, Time, Until, Vec3, WorldSpec};
 use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
 use glebe_io::checkpoint::{self, Header};
-use glebe_physics::{IntegratorKind, LawChoice};
+use glebe_io::output::write_atomic;
+use glebe_physics::IntegratorKind;
 use sha2::{Digest, Sha256};
 
 use super::BenchError;
@@ -38,6 +39,8 @@ pub const SAMPLE_STEPS: u64 = 1000;
 const SETTLED: f64 = 1e-4;
 /// Most time that settling takes \[s\].
 const SETTLE_MOST: f64 = 0.2;
+/// Time in which the bed that other engines are compared on settles \[s\].
+const SETTLE_PEERS: f64 = 0.4;
 /// Steps before timing: lists and caches warm up.
 pub const WARM_UP: u64 = 100;
 
@@ -161,7 +164,10 @@ impl Bed {
                 let width = Self::width(radii);
                 let sides = [[Side::Wall; 2], [Side::Wall; 2], [Side::Wall, Side::Open]];
                 let domain = Domain::aligned([0.0; 3], [width, width, HEADROOM * width], sides, Some(0));
-                let settle = stage("settle", Some(SETTLED * weight * 2e-3), SETTLE_MOST);
+                let settle = match self.kind {
+                    BedKind::Peers => stage("settle", None, SETTLE_PEERS),
+                    _ => stage("settle", Some(SETTLED * weight * 2e-3), SETTLE_MOST),
+                };
                 (domain, Vec::new(), [0.0; 3], vec![settle])
             }
             // The grains turn with the drum from the start.
@@ -188,7 +194,7 @@ impl Bed {
         world.materials = vec![self.kind.material()];
         // Soft soil overlaps deeply where it lands.
         world.guards.overlap_stops = self.kind != BedKind::Soil;
-        world.contact.rolling = LawChoice::named("constant-torque");
+        world.contact.rolling = self.kind.rolling();
         world.gravity = [0.0, 0.0, -GRAVITY];
         world.sampling.series = SAMPLE_STEPS as f64 * dt;
         world.sampling.energy_ledger = ledger;
@@ -255,6 +261,30 @@ impl Bed {
                 .sound_state(0)
                 .map_err(|failure| BenchError::Stopped { bed: *self, status: Status::Failed(failure) }),
         }
+    }
+
+    /// Writes the prepared bed as `<bed>-<mode>-<particles>.csv`: a row of place \[m\], radius \[m\] and velocity
+    /// \[m/s\] per particle, in the order of their numbers.
+    pub fn write(&self, prepared: &Prepared, folder: &Path) -> Result<(), BenchError> {
+        let constants = self.constants(1, false)?;
+        let particles = &prepared.state.particles;
+        let mut rows: Vec<_> = positions(&constants, &prepared.state)
+            .into_iter()
+            .zip(&particles.place)
+            .zip(&particles.velocity)
+            .zip(&particles.id)
+            .collect();
+        rows.sort_by_key(|(_, id)| **id);
+        let name = format!("{}-{}-{}.csv", self.kind.name().replace(':', "to"), self.mode.name(), self.count);
+        write_atomic(&folder.join(name), |out| {
+            writeln!(out, "x,y,z,radius,vx,vy,vz")?;
+            for (((x, place), velocity), _) in &rows {
+                let ([x, y, z], [u, v, w]) = (x, velocity.v);
+                writeln!(out, "{x},{y},{z},{},{u},{v},{w}", place.radius)?;
+            }
+            Ok(())
+        })?;
+        Ok(())
     }
 
     /// A digest of all that the prepared bed depends on.

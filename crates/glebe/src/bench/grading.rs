@@ -1,7 +1,7 @@
 //! How large the spheres of a bed are.
 
 use glebe_engine::generate::{GenerateError, SizeDistribution};
-use glebe_physics::Material;
+use glebe_physics::{LawChoice, Material};
 
 /// Sizes of a bed's particles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -18,11 +18,14 @@ pub enum BedKind {
     OneToTen,
     /// Soft soil, R = 7 to 10 mm, evenly by number, step 1e-4 s.
     Soil,
+    /// What other engines are compared on: R = 1.6 to 2.4 mm, soft, no rolling resistance, step 2e-5 s.
+    Peers,
 }
 
 impl BedKind {
     /// Every kind.
-    pub const ALL: [Self; 5] = [Self::Mono, Self::Poly, Self::OneToThree, Self::OneToTen, Self::Soil];
+    pub const ALL: [Self; 6] =
+        [Self::Mono, Self::Poly, Self::OneToThree, Self::OneToTen, Self::Soil, Self::Peers];
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
@@ -32,6 +35,7 @@ impl BedKind {
             Self::OneToThree => "1:3",
             Self::OneToTen => "1:10",
             Self::Soil => "soil",
+            Self::Peers => "peers",
         }
     }
 
@@ -39,7 +43,7 @@ impl BedKind {
     pub fn radii(self) -> [f64; 2] {
         match self {
             Self::Mono => [2e-3; 2],
-            Self::Poly => [1.6e-3, 2.4e-3],
+            Self::Poly | Self::Peers => [1.6e-3, 2.4e-3],
             Self::OneToThree => [1e-3, 3e-3],
             Self::OneToTen => [1e-3, 1e-2],
             Self::Soil => [7e-3, 1e-2],
@@ -50,18 +54,20 @@ impl BedKind {
     pub fn grading(self) -> &'static str {
         match self {
             Self::Mono => "equal radii",
-            Self::Poly | Self::Soil => "even by number",
+            Self::Poly | Self::Soil | Self::Peers => "even by number",
             Self::OneToThree | Self::OneToTen => "equal volumes in equal ratios of size",
         }
     }
 
-    /// Time step \[s\]: 25 to 29 % of the Rayleigh time of the smallest; for soil the main job's, 13 %.
+    /// Time step \[s\]: 25 to 29 % of the Rayleigh time of the smallest; 13 % for soil (the main job's), 20 % for
+    /// the bed of other engines.
     pub fn step(self) -> f64 {
         match self {
             Self::Mono => 1e-5,
             Self::Poly => 9e-6,
             Self::OneToThree | Self::OneToTen => 5e-6,
             Self::Soil => 1e-4,
+            Self::Peers => 2e-5,
         }
     }
 
@@ -88,8 +94,14 @@ impl BedKind {
                 rolling_friction: 0.03,
                 ..glass
             },
+            Self::Peers => Material { youngs_modulus: 2e7, ..glass },
             _ => glass,
         }
+    }
+
+    /// The law of rolling resistance.
+    pub fn rolling(self) -> LawChoice {
+        LawChoice::named(if self == Self::Peers { "none" } else { "constant-torque" })
     }
 
     /// The radii of `count` spheres \[m\].
@@ -97,7 +109,9 @@ impl BedKind {
         let [min, max] = self.radii();
         match self {
             Self::Mono => SizeDistribution::Constant(min).sample(count, seed),
-            Self::Poly | Self::Soil => SizeDistribution::Uniform { min, max }.sample(count, seed),
+            Self::Poly | Self::Soil | Self::Peers => {
+                SizeDistribution::Uniform { min, max }.sample(count, seed)
+            }
             Self::OneToThree | Self::OneToTen => Ok(equal_volumes(min, max, count)),
         }
     }

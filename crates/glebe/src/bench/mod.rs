@@ -107,6 +107,9 @@ pub struct BenchArgs {
     /// Also writes the results as JSON into this file
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Also writes the prepared beds into this folder, which must be there, as CSV: places, radii and velocities
+    #[arg(long, value_name = "FOLDER")]
+    pub write_beds: Option<PathBuf>,
     /// Neither takes nor keeps prepared beds
     #[arg(long)]
     pub no_cache: bool,
@@ -225,6 +228,9 @@ fn measure(args: &BenchArgs, backend: Backend, ui: &Ui) -> Result<Vec<Row>, Benc
         let mut prepared = Vec::new();
         for bed in beds {
             let ready = bed.prepared(cache.as_deref(), backend, ui)?;
+            if let Some(folder) = &args.write_beds {
+                bed.write(&ready, folder)?;
+            }
             prepared.push((Row::new(bed, &ready, args.steps), ready));
         }
         for repeat in 1..=args.repeat {

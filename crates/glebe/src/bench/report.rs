@@ -36,6 +36,7 @@ pub fn json(rows: &[Row], args: &BenchArgs, device: &str) -> Result<Value, Bench
             "drum": drum,
             "tool": tool,
             "material": r.bed.kind.material(),
+            "laws": ["hertz", "mindlin", r.bed.kind.rolling().law],
             "first_step_s": r.first_step,
             "step_s": r.bed.kind.step(),
             "particle_steps_per_second": {
@@ -73,7 +74,6 @@ pub fn json(rows: &[Row], args: &BenchArgs, device: &str) -> Result<Value, Bench
             "sample_every_steps": SAMPLE_STEPS,
             "energy_ledger": args.ledger,
             "integrator": "euler",
-            "laws": ["hertz", "mindlin", "constant-torque"],
         },
         "beds": beds,
         "cost_exponent": exponents.into_iter().collect::<serde_json::Map<_, _>>(),

@@ -2,8 +2,9 @@
 
 use super::super::common::{Standing, shown};
 use super::lanes::{LANES, Lanes, Pair};
-use super::list::{Block, Pull, Touching};
-use crate::lattice::{Lattice, Vec3x3, add, mul, sub};
+use super::list::{Block, Share, Touching};
+use super::pairs::{Workbench, pairs};
+use crate::lattice::{Lattice, Vec3x3, add, sub};
 use crate::setup::{Constants, MEMORY};
 use crate::spec::Vec3;
 use crate::state::Particles;
@@ -46,23 +47,29 @@ pub struct Phase<'a> {
     pub ledger: bool,
     /// Step \[s\]; 0 unless the purpose is a step.
     pub dt: f32,
+    /// Quads that hold what a contact remembers.
+    pub quads: usize,
 }
 
-/// Force and torque of one surface contact.
+impl Phase<'_> {
+    /// Whether anybody asks for energies.
+    #[inline(always)]
+    pub fn accounts(&self) -> bool {
+        self.ledger || self.purpose == Purpose::Observe
+    }
+}
+
+/// A contact with a surface.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePull {
     /// Particle, counted from the block's first.
     pub local: u32,
     /// Boundary.
     pub boundary: u32,
-    /// Triangle, or part of a shell in a step, else the triangle that shows it.
+    /// Triangle; of a shell the one that shows the contact.
     pub triangle: u32,
     /// Force on the particle \[N\].
     pub force: [f32; 3],
-    /// Torque on the particle \[N m\].
-    pub torque: [f32; 3],
-    /// The dissipating part of both.
-    pub drain: [[f32; 3]; 2],
     /// Energy of the normal and of the tangential spring before the step's motion \[J\].
     pub energy: [f32; 2],
 }
@@ -85,7 +92,7 @@ pub struct PairSeen {
 /// What a block's phase finds.
 #[derive(Debug, Default)]
 pub struct Found {
-    /// Contacts with surfaces, ordered by particle.
+    /// Contacts with surfaces, ordered by particle, when observing.
     pub surface: Vec<SurfacePull>,
     /// Force (3) and torque (3) of the particles on each moving or fixed surface of the specification,
     /// torque about its frame's origin \[N\], \[N m\].
@@ -110,28 +117,14 @@ pub struct Found {
     pub contacts: [u64; 2],
 }
 
-/// Whom a lane belongs to.
-#[derive(Clone, Copy, Default)]
-struct Owner {
-    i: u32,
-    j: u32,
-    /// Candidate.
-    k: u32,
-}
-
 /// Working memory of a thread.
+#[derive(Default)]
 pub struct Scratch {
     lanes: Lanes,
-    owner: [Owner; LANES],
+    bench: Workbench,
     near: Vec<SurfacePoint>,
+    before: Vec<Touching>,
     meetings: Vec<Meeting>,
-}
-
-impl Default for Scratch {
-    fn default() -> Self {
-        let owner = [Owner::default(); LANES];
-        Self { lanes: Lanes::default(), owner, near: Vec::new(), meetings: Vec::new() }
-    }
 }
 
 /// One block's forces. `#[inline(always)]` so that each of the callers below compiles it for its own
@@ -140,8 +133,8 @@ impl Default for Scratch {
 fn block_phase(
     ph: &Phase<'_>,
     block: &mut Block,
-    pull: &mut [Pull],
-    drain: &mut [Pull],
+    sums: &mut [Share],
+    drains: &mut [Share],
     found: &mut Found,
     scratch: &mut Scratch,
 ) {
@@ -157,166 +150,26 @@ fn block_phase(
     found.friction_loss = 0.0;
     found.worst = (0.0, 0, 0);
     found.contacts = [0; 2];
-    pairs(ph, block, pull, drain, found, scratch);
-    surfaces(ph, block, found, scratch);
+    if ph.purpose != Purpose::Observe {
+        sums.fill(Share::default());
+        drains.fill(Share::default());
+    }
+    pairs(ph, block, sums, drains, found, &mut scratch.lanes, &mut scratch.bench);
+    surfaces(ph, block, sums, drains, found, scratch);
 }
 
-#[inline(always)]
-fn pairs(
-    ph: &Phase<'_>,
-    block: &mut Block,
-    pull: &mut [Pull],
-    drain: &mut [Pull],
-    found: &mut Found,
-    scratch: &mut Scratch,
-) {
-    let Scratch { lanes, owner, .. } = scratch;
-    let (p, materials) = (ph.p, ph.c.spec.materials.len());
-    let h = ph.c.history.len();
-    let unit = &ph.space.lattice.unit;
-    let (ux, uy, uz) = (unit[0][0], unit[1][1], unit[2][2]);
-    let orthogonal = ph.space.lattice.orthogonal;
-    let count = block.start.len() - 1;
-    let places = &p.place[block.first..block.first + count];
-    let mut used = 0;
-    let mut current = usize::MAX;
-    for (local, pi) in places.iter().enumerate() {
-        let i = block.first + local;
-        let (vi, wi) = (p.velocity[i], p.spin[i]);
-        for k in block.start[local] as usize..block.start[local + 1] as usize {
-            let j = block.partner[k] as usize;
-            let pj = &p.place[j];
-            let a = f64::from(pj.lo[0].wrapping_sub(pi.lo[0]) as i32);
-            let b = f64::from(pj.lo[1].wrapping_sub(pi.lo[1]) as i32);
-            let c = f64::from(pj.lo[2].wrapping_sub(pi.lo[2]) as i32);
-            let d = if orthogonal { [a * ux, b * uy, c * uz] } else { mul(unit, [a, b, c]) };
-            let reach = f64::from(pi.radius) + f64::from(pj.radius) + ph.c.range;
-            if d[0] * d[0] + d[1] * d[1] + d[2] * d[2] >= reach * reach {
-                if block.touching[k] && ph.purpose == Purpose::Step {
-                    // The next contact of this pair is born without memory, and adds nothing until then.
-                    block.touching[k] = false;
-                    block.history[k * h..(k + 1) * h].fill(0.0);
-                    pull[k] = Pull::default();
-                    if ph.ledger {
-                        drain[k] = Pull::default();
-                    }
-                }
-                continue;
-            }
-            let wj = &p.spin[j];
-            let pair = wi.material as usize * materials + wj.material as usize;
-            if used == LANES || (pair != current && used > 0) {
-                flush_pairs(ph, current, block, pull, drain, found, lanes, &owner[..used]);
-                used = 0;
-            }
-            current = pair;
-            let vj = &p.velocity[j];
-            // Always below LANES; the mask tells the compiler so.
-            let l = used & (LANES - 1);
-            for x in 0..3 {
-                lanes.d[x][l] = d[x];
-                lanes.v[0][x][l] = vi.v[x];
-                lanes.v[1][x][l] = vj.v[x];
-                lanes.w[0][x][l] = wi.w[x];
-                lanes.w[1][x][l] = wj.w[x];
-            }
-            if let Some(gradient) = &ph.space.gradient {
-                // The image moves with the cell.
-                let flow = mul(gradient, d);
-                for x in 0..3 {
-                    lanes.v[1][x][l] += flow[x] as f32;
-                }
-            }
-            lanes.radius[0][l] = pi.radius;
-            lanes.radius[1][l] = pj.radius;
-            lanes.inv_mass[0][l] = vi.inv_mass;
-            lanes.inv_mass[1][l] = vj.inv_mass;
-            for (lane, x) in lanes.history.iter_mut().zip(&block.history[k * h..(k + 1) * h]) {
-                lane[l] = *x;
-            }
-            owner[l] = Owner { i: i as u32, j: j as u32, k: k as u32 };
-            used += 1;
-        }
-    }
-    if used > 0 {
-        flush_pairs(ph, current, block, pull, drain, found, lanes, &owner[..used]);
-    }
-}
-
-#[inline(always)]
-fn flush_pairs(
-    ph: &Phase<'_>,
-    pair: usize,
-    block: &mut Block,
-    pull: &mut [Pull],
-    drain: &mut [Pull],
-    found: &mut Found,
-    lanes: &mut Lanes,
-    owner: &[Owner],
-) {
-    let used = owner.len().min(LANES);
-    lanes.pad(used);
-    lanes.between_spheres(used);
-    lanes.evaluate(used, ph.c.laws, &ph.pairs[pair], ph.dt);
-    found.contacts[0] += used as u64;
-    sum_energies(found, lanes, used);
-    let worst = lanes.worst_overlap(used);
-    if lanes.ratio[worst] > found.worst.0 {
-        found.worst = (lanes.ratio[worst], owner[worst].i, owner[worst].j);
-    }
-    let of = |lane: &[[f32; LANES]; 3], l: usize| [lane[0][l], lane[1][l], lane[2][l]];
-    if ph.purpose == Purpose::Observe {
-        found.pairs.extend((0..used).map(|l| PairSeen {
-            of: [owner[l].i, owner[l].j],
-            branch: [0, 1, 2].map(|x| lanes.d[x][l]),
-            force: of(&lanes.force, l),
-            stiffness: lanes.stiffness[l],
-            energy: [lanes.energy_normal[l], lanes.energy_before[l]],
-        }));
-        return;
-    }
-    if let Some(gradient) = &ph.space.gradient {
+impl Found {
+    /// Adds the energies of the first `used` lanes.
+    #[inline(always)]
+    pub fn sum_energies(&mut self, lanes: &Lanes, used: usize) {
         for l in 0..used {
-            let flow = mul(gradient, [0, 1, 2].map(|x| lanes.d[x][l]));
-            let force = of(&lanes.force, l).map(f64::from);
-            found.work += f64::from(ph.dt) * crate::lattice::dot(force, flow);
+            self.energy_normal += f64::from(lanes.energy_normal[l]);
+            self.energy_tangential += f64::from(lanes.energy_tangential[l]);
+            self.energy_before += f64::from(lanes.energy_before[l]);
+            self.friction_loss += f64::from(lanes.friction_loss[l]);
+            self.drain[0] += f64::from(lanes.dash_power[l]);
+            self.drain[1] += f64::from(lanes.roll_power[l]);
         }
-    }
-    let h = ph.c.history.len();
-    for l in 0..used {
-        let k = owner[l].k as usize;
-        pull[k] = Pull {
-            force: of(&lanes.force, l),
-            torque: of(&lanes.torque[0], l),
-            torque_other: of(&lanes.torque[1], l),
-        };
-        block.touching[k] = true;
-        if ph.purpose == Purpose::Step {
-            for (x, lane) in block.history[k * h..(k + 1) * h].iter_mut().zip(&lanes.history) {
-                *x = lane[l];
-            }
-        }
-    }
-    if ph.ledger {
-        for l in 0..used {
-            drain[owner[l].k as usize] = Pull {
-                force: of(&lanes.dash, l),
-                torque: of(&lanes.drain[0], l),
-                torque_other: of(&lanes.drain[1], l),
-            };
-        }
-    }
-}
-
-#[inline(always)]
-fn sum_energies(found: &mut Found, lanes: &Lanes, used: usize) {
-    for l in 0..used {
-        found.energy_normal += f64::from(lanes.energy_normal[l]);
-        found.energy_tangential += f64::from(lanes.energy_tangential[l]);
-        found.energy_before += f64::from(lanes.energy_before[l]);
-        found.friction_loss += f64::from(lanes.friction_loss[l]);
-        found.drain[0] += f64::from(lanes.dash_power[l]);
-        found.drain[1] += f64::from(lanes.roll_power[l]);
     }
 }
 
@@ -333,10 +186,20 @@ struct Meeting {
 }
 
 #[inline(always)]
-fn surfaces(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut Scratch) {
+fn surfaces(
+    ph: &Phase<'_>,
+    block: &mut Block,
+    sums: &mut [Share],
+    drains: &mut [Share],
+    found: &mut Found,
+    scratch: &mut Scratch,
+) {
+    if block.patches.is_empty() {
+        return;
+    }
     let mut meetings = std::mem::take(&mut scratch.meetings);
     meetings.clear();
-    meet_all(ph, block, &mut meetings, &mut scratch.near);
+    meet_all(ph, block, &mut meetings, &mut scratch.near, &mut scratch.before);
     let lanes = &mut scratch.lanes;
     let materials = ph.c.spec.materials.len();
     let pair_of = |m: &Meeting| {
@@ -347,10 +210,9 @@ fn surfaces(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut 
             for (l, m) in group.iter().enumerate() {
                 fill_surface(ph, lanes, l, m);
             }
-            lanes.pad(group.len());
             lanes.on_surfaces(group.len());
-            lanes.evaluate(group.len(), ph.c.laws, &ph.pairs[pair_of(&group[0])], ph.dt);
-            scatter_surfaces(ph, block, found, lanes, group);
+            lanes.evaluate(group.len(), ph.c.laws, &ph.pairs[pair_of(&group[0])], ph.dt, ph.accounts());
+            scatter_surfaces(ph, block, [&mut *sums, &mut *drains], found, lanes, group);
         }
     }
     scratch.meetings = meetings;
@@ -358,7 +220,13 @@ fn surfaces(ph: &Phase<'_>, block: &mut Block, found: &mut Found, scratch: &mut 
 
 /// Finds the contacts of a block with surfaces; contacts of the last step hand their history to the nearest
 /// normals of this one, whatever triangle they are on.
-fn meet_all(ph: &Phase<'_>, block: &mut Block, meetings: &mut Vec<Meeting>, near: &mut Vec<SurfacePoint>) {
+fn meet_all(
+    ph: &Phase<'_>,
+    block: &mut Block,
+    meetings: &mut Vec<Meeting>,
+    near: &mut Vec<SurfacePoint>,
+    before: &mut Vec<Touching>,
+) {
     for (at, patch) in block.patches.iter_mut().enumerate() {
         let standing = &ph.standing[patch.boundary as usize];
         let i = block.first + patch.local as usize;
@@ -373,14 +241,17 @@ fn meet_all(ph: &Phase<'_>, block: &mut Block, meetings: &mut Vec<Meeting>, near
             let radius = f64::from(place.radius);
             let facets = facets.iter().map(|f| (f.triangle, f.shift));
             standing.touches(ph.c, boundary, center, radius + ph.c.range, facets, near);
-            physical_contacts(near, radius);
+            if near.len() > 1 {
+                physical_contacts(near, radius);
+            }
         }
-        let mut before = patch.contacts.clone();
+        before.clear();
+        before.extend_from_slice(&patch.contacts);
         if ph.purpose == Purpose::Step {
             patch.contacts.clear();
         }
         for (contact, q) in near.iter().enumerate() {
-            let n = q.n.map(|x| x as f32);
+            let n = [q.n[0] as f32, q.n[1] as f32, q.n[2] as f32];
             let mut history = [0.0; MEMORY];
             let cosine = |t: &Touching| t.n[0] * n[0] + t.n[1] * n[1] + t.n[2] * n[2];
             let kin = (0..before.len()).max_by(|&a, &b| cosine(&before[a]).total_cmp(&cosine(&before[b])));
@@ -433,33 +304,34 @@ fn fill_surface(ph: &Phase<'_>, lanes: &mut Lanes, l: usize, m: &Meeting) {
 fn scatter_surfaces(
     ph: &Phase<'_>,
     block: &mut Block,
+    [sums, drains]: [&mut [Share]; 2],
     found: &mut Found,
     lanes: &mut Lanes,
     group: &[Meeting],
 ) {
     found.contacts[1] += group.len() as u64;
-    lanes.worst_overlap(group.len());
+    if let Some(l) = lanes.worse_overlap(group.len(), found.worst.0) {
+        found.worst = (lanes.ratio[l], group[l].i, u32::MAX - group[l].boundary);
+    }
     for (l, m) in group.iter().enumerate() {
-        if lanes.ratio[l] > found.worst.0 {
-            found.worst = (lanes.ratio[l], m.i, u32::MAX - m.boundary);
-        }
         let of = |lane: &[[f32; LANES]; 3]| [lane[0][l], lane[1][l], lane[2][l]];
-        let (force, torque) = (of(&lanes.force), of(&lanes.torque[0]));
+        let force = of(&lanes.force);
         let local = m.i - block.first as u32;
-        found.surface.push(SurfacePull {
-            local,
-            boundary: m.boundary,
-            triangle: if ph.purpose == Purpose::Step {
-                m.at.triangle
-            } else {
-                let b = m.boundary as usize;
-                shown(&ph.c.boundaries[b], &ph.standing[b], m.arm, m.at.triangle)
-            },
-            force,
-            torque,
-            drain: [of(&lanes.dash), of(&lanes.drain[0])],
-            energy: [lanes.energy_normal[l], lanes.energy_before[l]],
-        });
+        if ph.purpose == Purpose::Observe {
+            let (boundary, standing) = (m.boundary as usize, &ph.standing[m.boundary as usize]);
+            found.surface.push(SurfacePull {
+                local,
+                boundary: m.boundary,
+                triangle: shown(&ph.c.boundaries[boundary], standing, m.arm, m.at.triangle),
+                force,
+                energy: [lanes.energy_normal[l], lanes.energy_before[l]],
+            });
+            continue;
+        }
+        sums[local as usize].add(force, of(&lanes.torque[0]));
+        if ph.ledger {
+            drains[local as usize].add(of(&lanes.dash), of(&lanes.drain[0]));
+        }
         if ph.purpose != Purpose::Step {
             continue;
         }
@@ -481,23 +353,25 @@ fn scatter_surfaces(
             }
         }
     }
-    sum_energies(found, lanes, group.len());
+    if ph.accounts() {
+        found.sum_energies(lanes, group.len());
+    }
 }
 
 /// The forces of one block, with the widest instructions that the machine has.
 pub fn run(
     ph: &Phase<'_>,
     block: &mut Block,
-    pull: &mut [Pull],
-    drain: &mut [Pull],
+    sums: &mut [Share],
+    drains: &mut [Share],
     found: &mut Found,
     scratch: &mut Scratch,
 ) {
     widest!(block_phase(
         ph: &Phase<'_>,
         block: &mut Block,
-        pull: &mut [Pull],
-        drain: &mut [Pull],
+        sums: &mut [Share],
+        drains: &mut [Share],
         found: &mut Found,
         scratch: &mut Scratch,
     ));

@@ -3,8 +3,8 @@
 use glebe_physics::kernel::integrate::{Scheme, locally_damped};
 
 use super::super::common::runaway_distance;
-use super::contacts::{Space, SurfacePull};
-use super::list::{BLOCK, Block, Incoming, Pull};
+use super::contacts::Space;
+use super::list::{BLOCK, Block, Incoming, Quad, Share};
 use crate::lattice::Vec3x3;
 use crate::setup::Constants;
 use crate::state::{Place, Spin, Velocity};
@@ -43,15 +43,15 @@ pub struct Step {
     /// Step \[s\].
     pub dt: f32,
     /// Gravity \[m/s²\].
-    pub gravity: [f32; 3],
+    pub gravity: Quad,
     /// Local damping.
     pub damping: f32,
-    /// Velocity gradient of the cell \[1/s\], if it deforms.
-    pub gradient: Option<[[f32; 3]; 3]>,
-    /// From metres to units.
-    pub inverse: [[f32; 3]; 3],
-    /// From units to metres.
-    pub unit: [[f32; 3]; 3],
+    /// Velocity gradient of the cell \[1/s\] by columns, if it deforms.
+    pub gradient: Option<[Quad; 3]>,
+    /// From metres to units, by columns.
+    pub inverse: [Quad; 3],
+    /// From units to metres, by columns.
+    pub unit: [Quad; 3],
     /// Windows along each periodic axis, 0 where the axis is open.
     pub wrap: [i32; 3],
     /// What gravity does over a period of each axis that wraps \[J/kg\].
@@ -63,11 +63,11 @@ pub struct Step {
 impl Step {
     /// The step of a world.
     pub fn new(c: &Constants, space: &Space) -> Self {
-        let f = |m: Vec3x3| m.map(|r| r.map(|x| x as f32));
+        let f = |m: Vec3x3| [0, 1, 2].map(|k| quad(m.map(|row| row[k] as f32)));
         let far = runaway_distance(c);
         Self {
             dt: c.dt as f32,
-            gravity: c.spec.gravity.map(|x| x as f32),
+            gravity: quad(c.spec.gravity.map(|x| x as f32)),
             damping: c.spec.local_damping as f32,
             gradient: space.gradient.map(f),
             inverse: f(space.lattice.inverse),
@@ -82,8 +82,8 @@ impl Step {
 impl Step {
     /// `U v`, what a deforming cell takes from the acceleration of a particle with the velocity `v` \[m/s²\].
     #[inline(always)]
-    pub fn carried(&self, v: [f32; 3]) -> [f32; 3] {
-        self.gradient.map_or([0.0; 3], |u| u.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2]))
+    pub fn carried(&self, v: Quad) -> Quad {
+        self.gradient.map_or([0.0; 4], |u| product(&u, v))
     }
 }
 
@@ -107,69 +107,29 @@ pub struct Moved {
 pub struct Contacts<'a> {
     /// The block.
     pub block: &'a Block,
-    /// What was found for the candidates of all blocks.
-    pub pull: &'a [Pull],
-    /// Transposed lists.
+    /// What all blocks have summed.
+    pub sums: &'a [Share],
+    /// Where the shares of each particle are.
     pub incoming: &'a Incoming,
-    /// The dissipating part of `pull`; empty where no ledger is kept.
-    pub drain: &'a [Pull],
-    /// The block's contacts with surfaces.
-    pub surface: &'a [SurfacePull],
+    /// The dissipating part of `sums`; empty where no ledger is kept.
+    pub drains: &'a [Share],
 }
 
 impl Contacts<'_> {
-    /// Force and torque on the particle `local` of the block: its contacts as first of a pair in the order of
-    /// candidates, as second in the order of the transposed lists, then surfaces from `at` on. Pairs that do
-    /// not touch add zero.
+    /// The share of the particle `local` in its own block and those in other blocks, in their order.
     #[inline(always)]
-    pub fn sum(&self, local: usize, at: &mut usize) -> Sums {
-        let mut s = Sums::default();
-        s.add(self, self.pull, local, 0);
-        if !self.drain.is_empty() {
-            s.add(self, self.drain, local, 2);
-        }
-        while *at < self.surface.len() && self.surface[*at].local as usize == local {
-            let q = &self.surface[*at];
-            for x in 0..3 {
-                s.0[0][x] += q.force[x];
-                s.0[1][x] += q.torque[x];
-                s.0[2][x] += q.drain[0][x];
-                s.0[3][x] += q.drain[1][x];
-            }
-            *at += 1;
-        }
-        s
-    }
-}
-
-/// Force and torque of a particle, and the dissipating part of both \[N\], \[N m\].
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Sums(pub [[f32; 3]; 4]);
-
-impl Sums {
-    #[inline(always)]
-    fn add(&mut self, c: &Contacts<'_>, pull: &[Pull], local: usize, to: usize) {
-        let mut f = [0.0_f32; 3];
-        let mut t = [0.0_f32; 3];
-        let base = c.incoming.base[c.block.first / BLOCK];
-        let own = (base + c.block.start[local]) as usize..(base + c.block.start[local + 1]) as usize;
-        for q in &pull[own] {
-            for x in 0..3 {
-                f[x] += q.force[x];
-                t[x] += q.torque[x];
+    pub fn sum(&self, of: &[Share], local: usize) -> Share {
+        let i = self.block.first + local;
+        let mut sum = of[self.incoming.base[self.block.first / BLOCK] as usize + local];
+        let others = self.incoming.start[i] as usize..self.incoming.start[i + 1] as usize;
+        for &k in &self.incoming.entry[others] {
+            let share = &of[k as usize];
+            for x in 0..4 {
+                sum.force[x] += share.force[x];
+                sum.torque[x] += share.torque[x];
             }
         }
-        let j = c.block.first + local;
-        let others = c.incoming.start[j] as usize..c.incoming.start[j + 1] as usize;
-        for &k in &c.incoming.entry[others] {
-            let q = &pull[k as usize];
-            for x in 0..3 {
-                f[x] -= q.force[x];
-                t[x] += q.torque_other[x];
-            }
-        }
-        self.0[to] = f;
-        self.0[to + 1] = t;
+        sum
     }
 }
 
@@ -183,112 +143,155 @@ pub fn advance<S: Scheme>(
     first: bool,
 ) {
     let Some(contacts) = contacts else { return before::<S>(c, s, moved) };
-    let mut at = 0;
+    match (s.damping > 0.0, s.gradient.is_some()) {
+        (false, false) => forced::<S, false, false>(c, s, moved, contacts, first),
+        (false, true) => forced::<S, false, true>(c, s, moved, contacts, first),
+        (true, false) => forced::<S, true, false>(c, s, moved, contacts, first),
+        (true, true) => forced::<S, true, true>(c, s, moved, contacts, first),
+    }
+}
+
+/// With the forces of contacts.
+#[inline(always)]
+fn forced<S: Scheme, const DAMPED: bool, const DEFORMS: bool>(
+    c: &mut Columns<'_>,
+    s: &Step,
+    moved: &mut Moved,
+    contacts: Contacts<'_>,
+    first: bool,
+) {
     for i in 0..c.place.len() {
-        let sums = contacts.sum(i, &mut at);
-        after::<S>(c, s, i, sums.0[0], sums.0[1], first, moved);
-        if contacts.drain.is_empty() {
+        let pull = contacts.sum(contacts.sums, i);
+        after::<S, DAMPED, DEFORMS>(c, s, i, pull, first, moved);
+        if contacts.drains.is_empty() {
             continue;
         }
         // The power of the dissipating forces was taken with velocities before the step; this adds what the
         // change of velocity makes of it.
+        let drain = contacts.sum(contacts.drains, i);
         let (v, w) = (&c.velocity[i].v, &c.spin[i].w);
         let (v_new, w_new) = (&c.velocity_new[i].v, &c.spin_new[i].w);
         for k in 0..3 {
-            moved.drain += f64::from(sums.0[2][k] * (v_new[k] - v[k]) + sums.0[3][k] * (w_new[k] - w[k]));
+            let [f, t] = [drain.force[k], drain.torque[k]];
+            moved.drain += f64::from(f * (v_new[k] - v[k]) + t * (w_new[k] - w[k]));
         }
     }
+}
+
+/// Three numbers and a nought.
+#[inline(always)]
+pub fn quad([x, y, z]: [f32; 3]) -> Quad {
+    [x, y, z, 0.0]
+}
+
+/// The first three.
+#[inline(always)]
+fn three([x, y, z, _]: Quad) -> [f32; 3] {
+    [x, y, z]
+}
+
+/// Four numbers, one by one.
+#[inline(always)]
+fn four<T>(f: impl Fn(usize) -> T) -> [T; 4] {
+    [f(0), f(1), f(2), f(3)]
+}
+
+/// The product of a matrix, given by columns, and a vector.
+#[inline(always)]
+fn product(columns: &[Quad; 3], v: Quad) -> Quad {
+    four(|k| columns[0][k] * v[0] + columns[1][k] * v[1] + columns[2][k] * v[2])
 }
 
 /// Ahead of the force: schemes that move with the acceleration of the step before.
 #[inline(always)]
 fn before<S: Scheme>(c: &mut Columns<'_>, s: &Step, moved: &mut Moved) {
     for i in 0..c.place.len() {
-        let mut dx = [0.0; 3];
         let (v, w) = (c.velocity[i], c.spin[i]);
-        c.velocity_new[i] = v;
-        c.spin_new[i] = w;
-        for k in 0..3 {
-            let a = S::before(v.v[k], c.acceleration[i][k], s.dt);
-            c.velocity_new[i].v[k] = a.v;
-            dx[k] = a.dx;
-            c.spin_new[i].w[k] = S::before(w.w[k], c.angular[i][k], s.dt).v;
-        }
-        displace(c, s, i, dx, moved);
+        let (linear, angular) = (quad(c.acceleration[i]), quad(c.angular[i]));
+        let (old, spin) = (quad(v.v), quad(w.w));
+        let x = four(|k| S::before(old[k], linear[k], s.dt));
+        c.velocity_new[i] = Velocity { v: three(x.map(|x| x.v)), ..v };
+        c.spin_new[i] = Spin { w: three(four(|k| S::before(spin[k], angular[k], s.dt).v)), ..w };
+        displace(c, s, i, x.map(|x| x.dx), moved);
     }
 }
 
-/// With the force `f` and torque `t` of particle `i` of the block.
+/// With the force and torque on particle `i` of the block.
 #[inline(always)]
-fn after<S: Scheme>(
+fn after<S: Scheme, const DAMPED: bool, const DEFORMS: bool>(
     c: &mut Columns<'_>,
     s: &Step,
     i: usize,
-    f: [f32; 3],
-    t: [f32; 3],
+    pull: Share,
     first: bool,
     moved: &mut Moved,
 ) {
-    let (v, w) = (c.velocity[i], c.spin[i]);
+    let (velocity, spin) = (c.velocity[i], c.spin[i]);
     let radius = c.place[i].radius;
-    let inv_inertia = 2.5 * v.inv_mass / (radius * radius);
-    let mut dx = [0.0; 3];
-    c.velocity_new[i] = v;
-    c.spin_new[i] = w;
-    c.force[i] = f;
-    let carried = s.carried(v.v);
-    for k in 0..3 {
-        let free = f[k] * v.inv_mass + s.gravity[k];
-        let turning = t[k] * inv_inertia;
-        let (mut a, mut b) = (free, turning);
-        if s.damping > 0.0 {
-            a = locally_damped(v.v[k], free, s.damping, s.dt);
-            b = locally_damped(w.w[k], turning, s.damping, s.dt);
-        }
-        let braked = a;
-        a -= carried[k];
-        let old = if first { [a, b] } else { [c.acceleration[i][k], c.angular[i][k]] };
-        let x = S::after(v.v[k], a, old[0], s.dt);
-        let y = S::after(w.w[k], b, old[1], s.dt);
-        if s.damping > 0.0 {
-            let mass = 1.0 / f64::from(v.inv_mass);
-            let inertia = 1.0 / f64::from(inv_inertia);
-            let mid = |p: f32, q: f32| 0.5 * (f64::from(p) + f64::from(q)) * f64::from(s.dt);
-            moved.damped += mass * f64::from(free - braked) * mid(v.v[k], x.v)
-                + inertia * f64::from(turning - b) * mid(w.w[k], y.v);
-        }
-        if s.gradient.is_some() {
-            let mid = 0.5 * (f64::from(v.v[k]) + f64::from(x.v)) * f64::from(s.dt);
-            moved.lifted -= f64::from(carried[k]) * mid / f64::from(v.inv_mass);
-        }
-        c.velocity_new[i].v[k] = x.v;
-        c.spin_new[i].w[k] = y.v;
-        dx[k] = x.dx;
-        c.acceleration[i][k] = a;
-        c.angular[i][k] = b;
+    let inv_mass = velocity.inv_mass;
+    let inv_inertia = 2.5 * inv_mass / (radius * radius);
+    let (v, w) = (quad(velocity.v), quad(spin.w));
+    let free = four(|k| pull.force[k] * inv_mass + s.gravity[k]);
+    let turning = four(|k| pull.torque[k] * inv_inertia);
+    let (mut a, mut b) = (free, turning);
+    if DAMPED {
+        a = four(|k| locally_damped(v[k], free[k], s.damping, s.dt));
+        b = four(|k| locally_damped(w[k], turning[k], s.damping, s.dt));
     }
-    displace(c, s, i, dx, moved);
+    let braked = a;
+    let carried = s.carried(v);
+    if DEFORMS {
+        a = four(|k| braked[k] - carried[k]);
+    }
+    let old = if first { [a, b] } else { [quad(c.acceleration[i]), quad(c.angular[i])] };
+    let x = four(|k| S::after(v[k], a[k], old[0][k], s.dt));
+    let y = four(|k| S::after(w[k], b[k], old[1][k], s.dt));
+    if DAMPED {
+        let mass = 1.0 / f64::from(inv_mass);
+        let inertia = 1.0 / f64::from(inv_inertia);
+        let mid = |p: f32, q: f32| 0.5 * (f64::from(p) + f64::from(q)) * f64::from(s.dt);
+        for k in 0..3 {
+            moved.damped += mass * f64::from(free[k] - braked[k]) * mid(v[k], x[k].v)
+                + inertia * f64::from(turning[k] - b[k]) * mid(w[k], y[k].v);
+        }
+    }
+    if DEFORMS {
+        for k in 0..3 {
+            let mid = 0.5 * (f64::from(v[k]) + f64::from(x[k].v)) * f64::from(s.dt);
+            moved.lifted -= f64::from(carried[k]) * mid / f64::from(inv_mass);
+        }
+    }
+    c.velocity_new[i] = Velocity { v: three(x.map(|x| x.v)), inv_mass };
+    c.spin_new[i] = Spin { w: three(y.map(|y| y.v)), ..spin };
+    c.force[i] = three(pull.force);
+    c.acceleration[i] = three(a);
+    c.angular[i] = three(b);
+    displace(c, s, i, x.map(|x| x.dx), moved);
 }
 
 /// Moves a particle by `dx` \[m\].
 #[inline(always)]
-fn displace(c: &mut Columns<'_>, s: &Step, i: usize, dx: [f32; 3], moved: &mut Moved) {
+fn displace(c: &mut Columns<'_>, s: &Step, i: usize, dx: Quad, moved: &mut Moved) {
     let d2 = dx[0] * dx[0] + dx[1] * dx[1] + dx[2] * dx[2];
     if d2.is_nan() || d2 > s.runaway {
         moved.runaway.get_or_insert((c.first + i) as u32);
         return;
     }
-    let mut away = [0.0; 3];
-    for k in 0..3 {
-        let units = s.inverse[k][0] * dx[0] + s.inverse[k][1] * dx[1] + s.inverse[k][2] * dx[2];
-        let sum = c.rest[i][k] + units;
-        let whole = sum.round_ties_even();
-        c.rest[i][k] = sum - whole;
-        let lo = i64::from(c.place[i].lo[k]) + i64::from(whole as i32);
-        c.place[i].lo[k] = lo as u32;
-        let carry = (lo >> 32) as i32;
-        if carry != 0 {
-            let hi = c.hi[i][k] + carry;
+    let (rest, units) = (quad(c.rest[i]), product(&s.inverse, dx));
+    let sum = four(|k| rest[k] + units[k]);
+    let whole = sum.map(f32::round_ties_even);
+    c.rest[i] = three(four(|k| sum[k] - whole[k]));
+    let place = c.place[i];
+    let [x, y, z] = place.lo;
+    let lo = [x, y, z, 0];
+    let by = whole.map(|w| w as i32);
+    let new = four(|k| lo[k].wrapping_add(by[k] as u32));
+    c.place[i] = Place { lo: [new[0], new[1], new[2]], ..place };
+    // One more window where the sum is past its end, one less where a negative step has not made it smaller.
+    let carry = four(|k| i32::from(new[k] < lo[k]) - i32::from(by[k] < 0));
+    if carry[0] | carry[1] | carry[2] != 0 {
+        for k in 0..3 {
+            let hi = c.hi[i][k] + carry[k];
             c.hi[i][k] = hi;
             if s.wrap[k] > 0 {
                 c.hi[i][k] = hi.rem_euclid(s.wrap[k]);
@@ -296,13 +299,10 @@ fn displace(c: &mut Columns<'_>, s: &Step, i: usize, dx: [f32; 3], moved: &mut M
                 moved.lifted += f64::from(turns) * s.fall[k] / f64::from(c.velocity[i].inv_mass);
             }
         }
-        away[k] = c.place[i].lo[k].wrapping_sub(c.lo_ref[i][k]) as i32 as f32;
     }
-    let u = &s.unit;
-    let mut square = 0.0;
-    for k in 0..3 {
-        let m = u[k][0] * away[0] + u[k][1] * away[1] + u[k][2] * away[2];
-        square += m * m;
-    }
+    let [x, y, z] = c.lo_ref[i];
+    let from = [x, y, z, 0];
+    let away = product(&s.unit, four(|k| new[k].wrapping_sub(from[k]) as i32 as f32));
+    let square = away[0] * away[0] + away[1] * away[1] + away[2] * away[2];
     moved.displacement = moved.displacement.max(square);
 }

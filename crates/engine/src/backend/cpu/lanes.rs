@@ -56,8 +56,6 @@ impl Pair {
 
 /// Contacts side by side: what they are given and what the laws find.
 pub struct Lanes {
-    /// From i to j \[m\].
-    pub d: [[f64; LANES]; 3],
     /// Distance of a surface \[m\].
     pub distance: [f64; LANES],
     /// Radii \[m\]; 0 for a surface.
@@ -119,7 +117,6 @@ impl Default for Lanes {
         let l = [0.0; LANES];
         let l3 = [l; 3];
         Self {
-            d: [[0.0; LANES]; 3],
             distance: [0.0; LANES],
             radius: [l; 2],
             inv_mass: [l; 2],
@@ -167,36 +164,21 @@ fn put(a: &mut Lane3, l: usize, v: V3) {
     a[2][l] = v.z;
 }
 
-impl Lanes {
-    /// Copies lane 0 into the lanes from `used` on, so that whole vectors can be evaluated.
-    #[inline(always)]
-    pub fn pad(&mut self, used: usize) {
-        let end = used.next_multiple_of(16).min(LANES);
-        let lanes = self
-            .radius
-            .iter_mut()
-            .chain(&mut self.inv_mass)
-            .chain(self.v.iter_mut().flatten())
-            .chain(self.w.iter_mut().flatten())
-            .chain(&mut self.n)
-            .chain(&mut self.history);
-        for lane in lanes {
-            let first = lane[0];
-            lane[used..end].fill(first);
-        }
-        for lane in self.d.iter_mut().chain([&mut self.distance]) {
-            let first = lane[0];
-            lane[used..end].fill(first);
-        }
-    }
+/// Lanes in whole vectors of any width. Those beyond `used` hold what was there before: it is evaluated too, and
+/// nobody looks at it.
+#[inline(always)]
+fn whole(used: usize) -> usize {
+    used.next_multiple_of(16).min(LANES)
+}
 
-    /// Normal, overlap and lever arms of pairs of spheres. Distances are taken in f64 from exact
-    /// differences: an overlap of 1e-8 of the radius keeps its digits.
+impl Lanes {
+    /// Normal, overlap and lever arms of pairs of spheres; `d` tells the difference of the places of a lane \[m\].
+    /// Distances are taken in f64 from exact differences: an overlap of 1e-8 of the radius keeps its digits.
     #[inline(always)]
-    pub fn between_spheres(&mut self, used: usize) {
-        let used = used.next_multiple_of(16).min(LANES);
+    pub fn between_spheres(&mut self, used: usize, d: impl Fn(usize) -> [f64; 3]) {
+        let used = whole(used);
         for l in 0..used {
-            let (x, y, z) = (self.d[0][l], self.d[1][l], self.d[2][l]);
+            let [x, y, z] = d(l);
             let (ri, rj) = (self.radius[0][l], self.radius[1][l]);
             let s = f64::from(ri) + f64::from(rj);
             let d2 = x * x + y * y + z * z;
@@ -218,7 +200,7 @@ impl Lanes {
     /// The same for spheres on surfaces, whose normal and distance are known.
     #[inline(always)]
     pub fn on_surfaces(&mut self, used: usize) {
-        let used = used.next_multiple_of(16).min(LANES);
+        let used = whole(used);
         for l in 0..used {
             let ri = self.radius[0][l];
             self.delta[l] = (f64::from(ri) - self.distance[l]) as f32;
@@ -229,24 +211,37 @@ impl Lanes {
         }
     }
 
-    /// Finds the overlaps' ratios; returns the first lane with the largest.
+    /// Finds the overlaps' ratios; returns the first lane with the largest, if that is more than `worst`.
     #[inline(always)]
-    pub fn worst_overlap(&mut self, used: usize) -> usize {
+    pub fn worse_overlap(&mut self, used: usize, worst: f32) -> Option<usize> {
         let used = used.min(LANES);
-        let mut worst = 0.0_f32;
-        for l in 0..used {
+        let mut most = 0;
+        for l in 0..LANES {
             let (ri, rj) = (self.radius[0][l], self.radius[1][l]);
             let smaller = if rj > 0.0 { ri.min(rj) } else { ri };
             self.ratio[l] = self.delta[l] / smaller;
-            worst = worst.max(self.ratio[l]);
         }
-        self.ratio[..used].iter().position(|r| *r == worst).unwrap_or(0)
+        for ratio in &self.ratio[..used] {
+            // Positive numbers are ordered as their bits are, and integers are compared many at once.
+            most = most.max(if *ratio > 0.0 { ratio.to_bits() } else { 0 });
+        }
+        let worse = f32::from_bits(most) > worst;
+        if worse { self.ratio[..used].iter().position(|r| r.to_bits() == most) } else { None }
     }
 
-    /// Evaluates the laws of a pair of materials for a step `dt` \[s\].
+    /// Evaluates the laws of a pair of materials for a step `dt` \[s\]; energies and what dissipates only if it
+    /// `accounts` for them.
     #[inline(always)]
-    pub fn evaluate(&mut self, used: usize, laws: Laws, pair: &Pair, dt: f32) {
-        let used = used.next_multiple_of(16).min(LANES);
+    pub fn evaluate(&mut self, used: usize, laws: Laws, pair: &Pair, dt: f32, accounts: bool) {
+        if accounts {
+            self.evaluated::<true>(whole(used), laws, pair, dt);
+        } else {
+            self.evaluated::<false>(whole(used), laws, pair, dt);
+        }
+    }
+
+    #[inline(always)]
+    fn evaluated<const ACCOUNTS: bool>(&mut self, used: usize, laws: Laws, pair: &Pair, dt: f32) {
         self.kinematics(used);
         laws.cohesion.visit(CohesionLoop(self, used, pair));
         laws.normal.visit(NormalLoop(self, used, pair));
@@ -255,9 +250,9 @@ impl Lanes {
         if laws.tangential.history().is_empty() {
             self.without_friction(used);
         } else {
-            self.slide(used, offset, &pair.friction, dt);
+            self.slide::<ACCOUNTS>(used, offset, &pair.friction, dt);
         }
-        laws.rolling.visit(RollingLoop(self, used, &pair.rolling, dt));
+        laws.rolling.visit(RollingLoop::<ACCOUNTS>(self, used, &pair.rolling, dt));
     }
 
     #[inline(always)]
@@ -317,7 +312,7 @@ impl Lanes {
     }
 
     #[inline(always)]
-    fn slide(&mut self, used: usize, offset: usize, friction: &Friction, dt: f32) {
+    fn slide<const ACCOUNTS: bool>(&mut self, used: usize, offset: usize, friction: &Friction, dt: f32) {
         let history = &mut self.history[offset..offset + 4];
         for l in 0..used {
             let n = V3 { x: self.n[0][l], y: self.n[1][l], z: self.n[2][l] };
@@ -336,14 +331,17 @@ impl Lanes {
             }
             let couple = cross(n, t.force);
             put(&mut self.force, l, plus(scaled(n, self.attraction[l] - load), t.force));
+            put(&mut self.torque[0], l, scaled(couple, self.arm[0][l]));
+            put(&mut self.torque[1], l, scaled(couple, self.arm[1][l]));
+            if !ACCOUNTS {
+                continue;
+            }
             let dash = minus(t.force, t.spring);
             self.dash_power[l] = dot(dash, at(&self.vt, l)) - self.viscous[l] * self.vn[l];
             put(&mut self.dash, l, plus(scaled(n, -self.viscous[l]), dash));
             let drag = cross(n, dash);
             put(&mut self.drain[0], l, scaled(drag, self.arm[0][l]));
             put(&mut self.drain[1], l, scaled(drag, self.arm[1][l]));
-            put(&mut self.torque[0], l, scaled(couple, self.arm[0][l]));
-            put(&mut self.torque[1], l, scaled(couple, self.arm[1][l]));
             self.energy_tangential[l] = t.energy;
             self.energy_before[l] = t.energy_before;
             self.friction_loss[l] = t.friction_loss;
@@ -405,9 +403,9 @@ impl tangential::Visitor for TangentialLoop<'_> {
     }
 }
 
-struct RollingLoop<'a>(&'a mut Lanes, usize, &'a Coefficients, f32);
+struct RollingLoop<'a, const ACCOUNTS: bool>(&'a mut Lanes, usize, &'a Coefficients, f32);
 
-impl rolling::Visitor for RollingLoop<'_> {
+impl<const ACCOUNTS: bool> rolling::Visitor for RollingLoop<'_, ACCOUNTS> {
     type Output = ();
     #[inline(always)]
     fn visit<L: Rolling>(self) {
@@ -438,12 +436,16 @@ impl rolling::Visitor for RollingLoop<'_> {
                     dt,
                 },
             );
-            lanes.roll_power[l] = dot(t.on_i, at(&lanes.w[0], l)) + dot(t.on_j, at(&lanes.w[1], l));
             for (s, on) in [t.on_i, t.on_j].into_iter().enumerate() {
                 let torque = plus(at(&lanes.torque[s], l), on);
-                let drain = plus(at(&lanes.drain[s], l), on);
                 put(&mut lanes.torque[s], l, torque);
-                put(&mut lanes.drain[s], l, drain);
+                if ACCOUNTS {
+                    let drain = plus(at(&lanes.drain[s], l), on);
+                    put(&mut lanes.drain[s], l, drain);
+                }
+            }
+            if ACCOUNTS {
+                lanes.roll_power[l] = dot(t.on_i, at(&lanes.w[0], l)) + dot(t.on_j, at(&lanes.w[1], l));
             }
         }
     }

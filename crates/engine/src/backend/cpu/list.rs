@@ -26,27 +26,69 @@ pub struct Block {
     pub first: usize,
     /// Candidates of particle `first + l` are `start[l]..start[l + 1]`.
     pub start: Vec<u32>,
-    /// The other particle of each candidate; each pair stands once.
-    pub partner: Vec<u32>,
+    /// Each pair stands once.
+    pub candidates: Vec<Candidate>,
+    /// Partners that are not the block's own, ascending.
+    pub guests: Vec<u32>,
     /// Whether the pair touched in the last step.
     pub touching: Vec<bool>,
-    /// History, a fixed number of floats per candidate, seen from this block's particle.
-    pub history: Vec<f32>,
+    /// History, as many quads per candidate as the laws' floats fill, seen from this block's particle.
+    pub history: Vec<Quad>,
     /// Candidates with surfaces.
     pub patches: Vec<Patch>,
     /// Triangles of the patches.
     pub facets: Vec<Facet>,
 }
 
-/// Force and torques of a pair.
+/// A pair that may touch.
+#[derive(Clone, Copy, Debug)]
+pub struct Candidate {
+    /// The first particle, counted from the block's first.
+    pub owner: u32,
+    /// The other particle.
+    pub partner: u32,
+    /// Where the other's share is summed: the block's particles come first, then the guests.
+    pub slot: u32,
+}
+
+/// Four numbers, as vector units load them.
+pub type Quad = [f32; 4];
+
+/// What the contacts of one block give one particle. The fourth numbers are always 0.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Pull {
-    /// Force on the first \[N\].
-    pub force: [f32; 3],
-    /// Torque on the first \[N m\].
-    pub torque: [f32; 3],
-    /// Torque on the second \[N m\].
-    pub torque_other: [f32; 3],
+pub struct Share {
+    /// Force \[N\].
+    pub force: Quad,
+    /// Torque \[N m\].
+    pub torque: Quad,
+}
+
+impl Share {
+    /// Adds a force and a torque.
+    #[inline(always)]
+    pub fn add(&mut self, force: [f32; 3], torque: [f32; 3]) {
+        for x in 0..3 {
+            self.force[x] += force[x];
+            self.torque[x] += torque[x];
+        }
+    }
+}
+
+impl Block {
+    /// Number of particles.
+    pub fn count(&self) -> usize {
+        self.start.len() - 1
+    }
+
+    /// Number of particles that the block sums contacts for: its own and the guests.
+    pub fn shares(&self) -> usize {
+        self.count() + self.guests.len()
+    }
+
+    /// Candidates of the particle `local`.
+    pub fn of(&self, local: usize) -> std::ops::Range<usize> {
+        self.start[local] as usize..self.start[local + 1] as usize
+    }
 }
 
 /// A particle near a surface.
@@ -88,14 +130,14 @@ pub enum Memory<'a> {
     Stored(&'a [ContactMemory], &'a [SurfaceMemory]),
 }
 
-/// For each particle, the candidates of other particles that it is the second of.
+/// For each particle, the shares that other blocks sum for it.
 #[derive(Debug, Default)]
 pub struct Incoming {
     /// Entries of particle j are `start[j]..start[j + 1]`.
     pub start: Vec<u32>,
-    /// Candidates, counted over all blocks.
+    /// Shares, counted over all blocks.
     pub entry: Vec<u32>,
-    /// First candidate of each block, and their number.
+    /// First share of each block, and their number.
     pub base: Vec<u32>,
 }
 
@@ -226,7 +268,7 @@ struct Search<'a> {
 impl Search<'_> {
     fn block(&self, first: usize, end: usize) -> Block {
         let mut block = Block { first, start: vec![0], ..Block::default() };
-        block.partner.reserve(8 * (end - first));
+        let mut partners = Vec::with_capacity(8 * (end - first));
         // Neighbours in the order mostly share their row, and so the rows around it.
         let mut around: Vec<Around> = vec![([i32::MIN; 2], Vec::new()); self.levels.len()];
         for i in first..end {
@@ -238,10 +280,25 @@ impl Search<'_> {
                     self.rows_around(at, l, &mut around[l].1);
                 }
                 for &(begin, end) in &around[l].1 {
-                    self.row(i, l, begin as usize, end as usize, &mut block.partner);
+                    self.row(i, l, begin as usize, end as usize, &mut partners);
                 }
             }
-            block.start.push(block.partner.len() as u32);
+            block.start.push(partners.len() as u32);
+        }
+        let own = first as u32..end as u32;
+        block.guests.extend(partners.iter().filter(|j| !own.contains(j)));
+        block.guests.sort_unstable();
+        block.guests.dedup();
+        let count = own.len() as u32;
+        block.candidates.reserve_exact(partners.len());
+        for local in 0..block.count() {
+            for &partner in &partners[block.of(local)] {
+                let slot = match block.guests.binary_search(&partner) {
+                    Ok(guest) => count + guest as u32,
+                    Err(_) => partner - own.start,
+                };
+                block.candidates.push(Candidate { owner: local as u32, partner, slot });
+            }
         }
         block
     }
@@ -319,7 +376,7 @@ impl Search<'_> {
 
     /// Candidates with surfaces: those within reach of the present poses.
     fn surfaces(&self, block: &mut Block, boundaries: &[Option<Pose>]) {
-        let count = block.start.len() - 1;
+        let count = block.count();
         let mut near = Vec::new();
         let span = |(b, pose): (usize, &Option<Pose>)| {
             Span::new(self.c, &self.c.boundaries[b].shape, pose.as_ref()?)
@@ -382,19 +439,25 @@ fn patch(local: usize, boundary: usize, facets: (u32, u32)) -> Patch {
     Patch { local: local as u32, boundary: boundary as u32, facets, contacts: Vec::new() }
 }
 
+/// Quads that hold what a contact remembers.
+pub fn quads(c: &Constants) -> usize {
+    c.history.len().div_ceil(4)
+}
+
 /// Gives the candidates of a new block what their contacts remember.
 fn recall(c: &Constants, p: &Particles, block: &mut Block, memory: &Memory<'_>) {
     let h = c.history.len();
-    let n = block.partner.len();
+    let n = block.candidates.len();
     block.touching = vec![false; n];
-    block.history = vec![0.0; n * h];
-    for local in 0..block.start.len() - 1 {
+    block.history = vec![[0.0; 4]; n * quads(c)];
+    for local in 0..block.count() {
         let i = block.first + local;
-        for k in block.start[local] as usize..block.start[local + 1] as usize {
-            let j = block.partner[k] as usize;
-            if let Some((history, swapped)) = memory.pair(p, i, j, h) {
+        for k in block.of(local) {
+            let j = block.candidates[k].partner as usize;
+            if let Some((history, swapped)) = memory.pair(p, i, j, quads(c)) {
                 block.touching[k] = true;
-                for (f, new) in block.history[k * h..(k + 1) * h].iter_mut().enumerate() {
+                let own = &mut block.history[k * quads(c)..(k + 1) * quads(c)];
+                for (f, new) in own.as_flattened_mut()[..h].iter_mut().enumerate() {
                     *new = if swapped { history[f] * c.history[f] } else { history[f] };
                 }
             }
@@ -406,17 +469,16 @@ fn recall(c: &Constants, p: &Particles, block: &mut Block, memory: &Memory<'_>) 
 }
 
 impl Memory<'_> {
-    /// The history of the pair (i, j) and whether it is seen from j.
-    fn pair(&self, p: &Particles, i: usize, j: usize, h: usize) -> Option<(&[f32], bool)> {
+    /// The history of the pair (i, j) in `quads` quads, and whether it is seen from j.
+    fn pair(&self, p: &Particles, i: usize, j: usize, quads: usize) -> Option<(&[f32], bool)> {
         match self {
             Self::Lists(blocks, old) => {
                 let (oi, oj) = (old[i] as usize, old[j] as usize);
                 let find = |a: usize, b: usize| {
                     let block = &blocks[a / BLOCK];
-                    let local = a % BLOCK;
-                    let (from, to) = (block.start[local] as usize, block.start[local + 1] as usize);
-                    let k = from + block.partner[from..to].iter().position(|&x| x as usize == b)?;
-                    block.touching[k].then(|| &block.history[k * h..(k + 1) * h])
+                    let own = block.of(a % BLOCK);
+                    let k = own.start + block.candidates[own].iter().position(|q| q.partner as usize == b)?;
+                    block.touching[k].then(|| block.history[k * quads..(k + 1) * quads].as_flattened())
                 };
                 find(oi, oj).map(|x| (x, false)).or_else(|| find(oj, oi).map(|x| (x, true)))
             }
@@ -460,13 +522,11 @@ impl Memory<'_> {
     }
 }
 
-/// The transposed lists.
+/// Where the shares of each particle are, for `n` particles.
 pub fn incoming(blocks: &[Block], n: usize) -> Incoming {
     let mut start = vec![0_u32; n + 1];
-    for block in blocks {
-        for &j in &block.partner {
-            start[j as usize + 1] += 1;
-        }
+    for &j in blocks.iter().flat_map(|block| &block.guests) {
+        start[j as usize + 1] += 1;
     }
     for j in 0..n {
         start[j + 1] += start[j];
@@ -474,15 +534,15 @@ pub fn incoming(blocks: &[Block], n: usize) -> Incoming {
     let mut next = start.clone();
     let mut entry = vec![0; start[n] as usize];
     let mut base = vec![0];
-    let mut candidate = 0;
+    let mut share = 0;
     for block in blocks {
-        for &j in &block.partner {
+        for (guest, &j) in block.guests.iter().enumerate() {
             let at = &mut next[j as usize];
-            entry[*at as usize] = candidate;
+            entry[*at as usize] = share + (block.count() + guest) as u32;
             *at += 1;
-            candidate += 1;
         }
-        base.push(candidate);
+        share += block.shares() as u32;
+        base.push(share);
     }
     Incoming { start, entry, base }
 }
@@ -492,14 +552,15 @@ pub fn memories(c: &Constants, p: &Particles, blocks: &[Block]) -> (Vec<ContactM
     let h = c.history.len();
     let (mut contacts, mut surfaces) = (Vec::new(), Vec::new());
     for block in blocks {
-        for local in 0..block.start.len() - 1 {
+        for local in 0..block.count() {
             let a = p.id[block.first + local];
-            for k in block.start[local] as usize..block.start[local + 1] as usize {
+            for k in block.of(local) {
                 if !block.touching[k] {
                     continue;
                 }
-                let b = p.id[block.partner[k] as usize];
-                let mut history = block.history[k * h..(k + 1) * h].to_vec();
+                let b = p.id[block.candidates[k].partner as usize];
+                let own = &block.history[k * quads(c)..(k + 1) * quads(c)];
+                let mut history = own.as_flattened()[..h].to_vec();
                 if a > b {
                     history.iter_mut().zip(&c.history).for_each(|(x, sign)| *x *= sign);
                 }

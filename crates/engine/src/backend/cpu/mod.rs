@@ -11,6 +11,7 @@ mod contacts;
 mod integrate;
 mod lanes;
 mod list;
+mod pairs;
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -22,9 +23,9 @@ use glebe_physics::kernel::integrate::{Scheme, Visitor, visit};
 use rayon::prelude::*;
 
 use self::contacts::{Found, Phase, Purpose, Scratch, Space, run};
-use self::integrate::{Columns, Contacts, Moved, Step, advance};
+use self::integrate::{Columns, Contacts, Moved, Step, advance, quad};
 use self::lanes::Pair;
-use self::list::{BLOCK, Block, Incoming, Memory, Pull};
+use self::list::{BLOCK, Block, Incoming, Memory, Share};
 use super::common::{
     Portrait, Standing, leavers, narrow_failure, overlap_failure, quoted, runaway_failure, strays, too_deep,
     unload,
@@ -52,10 +53,10 @@ pub struct CpuWorld {
     space: Space,
     p: Particles,
     blocks: Vec<Block>,
-    /// What the last step found for each candidate of all blocks; zero where it does not touch.
-    pull: Vec<Pull>,
+    /// What each block has summed in the last step, for its own particles and for guests.
+    sums: Vec<Share>,
     /// The dissipating part of it; empty where no ledger is kept.
-    drain: Vec<Pull>,
+    drains: Vec<Share>,
     incoming: Incoming,
     found: Vec<Found>,
     moved: Vec<Moved>,
@@ -78,8 +79,8 @@ impl World for CpuWorld {
             c,
             p: Particles::default(),
             blocks: Vec::new(),
-            pull: Vec::new(),
-            drain: Vec::new(),
+            sums: Vec::new(),
+            drains: Vec::new(),
             incoming: Incoming::default(),
             found: Vec::new(),
             moved: Vec::new(),
@@ -229,13 +230,13 @@ impl World for CpuWorld {
             .blocks
             .iter()
             .map(|b| {
-                b.partner.capacity() * (4 + size_of::<list::Pull>() + 1)
-                    + b.history.capacity() * 4
-                    + b.start.capacity() * 4
+                b.candidates.capacity() * (size_of::<list::Candidate>() + 1)
+                    + b.history.capacity() * size_of::<list::Quad>()
+                    + (b.start.capacity() + b.guests.capacity()) * 4
             })
             .sum();
-        let pulls = (self.pull.capacity() + self.drain.capacity()) * size_of::<Pull>();
-        let bytes = self.p.len() * per_particle + lists + pulls + self.incoming.entry.len() * 4;
+        let sums = (self.sums.capacity() + self.drains.capacity()) * size_of::<Share>();
+        let bytes = self.p.len() * per_particle + lists + sums + self.incoming.entry.len() * 4;
         (bytes, self.p.len())
     }
 }
@@ -278,11 +279,12 @@ impl CpuWorld {
     fn list(&mut self, g: &Progress, memory: &Memory<'_>) {
         self.blocks = list::build(&self.c, &self.p, g, &self.reference_poses(g), memory);
         self.incoming = list::incoming(&self.blocks, self.p.len());
-        self.pull.clear();
-        self.pull.resize(self.incoming.entry.len(), Pull::default());
-        self.drain.clear();
+        let shares = self.blocks.iter().map(Block::shares).sum();
+        self.sums.clear();
+        self.sums.resize(shares, Share::default());
+        self.drains.clear();
         if self.c.spec.sampling.energy_ledger {
-            self.drain.resize(self.incoming.entry.len(), Pull::default());
+            self.drains.resize(shares, Share::default());
         }
         self.found.resize_with(self.blocks.len(), Found::default);
         self.moved.resize(self.blocks.len(), Moved::default());
@@ -375,27 +377,24 @@ impl CpuWorld {
     ) -> Phase<'a> {
         let ledger = c.spec.sampling.energy_ledger;
         let dt = if purpose == Purpose::Step { c.dt as f32 } else { 0.0 };
-        Phase { c, space, pairs, p, standing, purpose, ledger, dt }
+        Phase { c, space, pairs, p, standing, purpose, ledger, dt, quads: list::quads(c) }
     }
 
     /// Contacts of every block.
     fn forces(&mut self, purpose: Purpose) {
         let phase = Self::phase(&self.c, &self.space, &self.pairs, &self.p, &self.standing, purpose);
-        each(&phase, &mut self.blocks, [&mut self.pull, &mut self.drain], &mut self.found);
+        each(&phase, &mut self.blocks, [&mut self.sums, &mut self.drains], &mut self.found);
     }
 
     /// Accelerations of the present configuration, without a step.
     fn prime(&mut self) {
-        for (b, block) in self.blocks.iter().enumerate() {
-            let surface = &self.found[b].surface;
-            let contacts =
-                Contacts { block, pull: &self.pull, drain: &[], incoming: &self.incoming, surface };
-            let mut at = 0;
-            for local in 0..block.start.len() - 1 {
-                let [f, t, ..] = contacts.sum(local, &mut at).0;
+        for block in &self.blocks {
+            let contacts = Contacts { block, sums: &self.sums, drains: &[], incoming: &self.incoming };
+            for local in 0..block.count() {
+                let Share { force: f, torque: t } = contacts.sum(contacts.sums, local);
                 let i = block.first + local;
                 let (r, inv_mass) = (self.p.place[i].radius, self.p.velocity[i].inv_mass);
-                let carried = self.step.carried(self.p.velocity[i].v);
+                let carried = self.step.carried(quad(self.p.velocity[i].v));
                 for k in 0..3 {
                     self.p.acceleration[i][k] = f[k] * inv_mass + self.step.gravity[k] - carried[k];
                     self.p.angular[i][k] = t[k] * 2.5 * inv_mass / (r * r);
@@ -421,17 +420,17 @@ impl CpuWorld {
             }
         }
         let ledger = &mut g.ledger;
-        let before = ledger.elastic_tangential;
-        ledger.elastic_tangential = 0.0;
-        for f in &self.found {
-            ledger.work += f.work;
-            ledger.friction += f.friction_loss;
-            ledger.elastic_tangential += f.energy_tangential;
-            ledger.stiffness_change -= f.energy_before;
-        }
-        ledger.stiffness_change += before;
+        ledger.work += self.found.iter().map(|f| f.work).sum::<f64>();
         ledger.damping += moved.damped;
         if self.c.spec.sampling.energy_ledger {
+            let before = ledger.elastic_tangential;
+            ledger.elastic_tangential = 0.0;
+            for f in &self.found {
+                ledger.friction += f.friction_loss;
+                ledger.elastic_tangential += f.energy_tangential;
+                ledger.stiffness_change -= f.energy_before;
+            }
+            ledger.stiffness_change += before;
             // Mid-step velocity: the mean of old and new, with which the change of kinetic energy is exact for
             // a force held over the step; in a split step the new one is already in the middle.
             let dt = -self.c.dt;
@@ -474,21 +473,19 @@ impl CpuWorld {
 
     /// What particle `i` touched in the last step: particles and boundaries.
     fn touching(&self, i: usize) -> (Vec<usize>, Vec<usize>) {
-        let block = &self.blocks[i / BLOCK];
-        let local = i % BLOCK;
-        let mut particles: Vec<usize> = (block.start[local] as usize..block.start[local + 1] as usize)
-            .filter(|&k| block.touching[k])
-            .map(|k| block.partner[k] as usize)
-            .collect();
-        for &k in &self.incoming.entry[self.incoming.start[i] as usize..self.incoming.start[i + 1] as usize] {
-            let b = self.incoming.base.partition_point(|&s| s <= k) - 1;
-            let other = &self.blocks[b];
-            let k = k - self.incoming.base[b];
-            if other.touching[k as usize] {
-                particles.push(other.first + other.start.partition_point(|&s| s <= k) - 1);
+        let (home, local) = (i / BLOCK, i % BLOCK);
+        let entries = self.incoming.start[i] as usize..self.incoming.start[i + 1] as usize;
+        let visited = self.incoming.entry[entries].iter();
+        let hosts = visited.map(|&share| self.incoming.base.partition_point(|&base| base <= share) - 1);
+        let mut particles = Vec::new();
+        for block in std::iter::once(home).chain(hosts).map(|b| &self.blocks[b]) {
+            for (q, _) in block.candidates.iter().zip(&block.touching).filter(|(_, touching)| **touching) {
+                let pair = [block.first + q.owner as usize, q.partner as usize];
+                particles.extend(pair.iter().position(|&x| x == i).map(|side| pair[1 - side]));
             }
         }
-        let patches = block.patches.iter().filter(|q| q.local as usize == local && !q.contacts.is_empty());
+        let patches = &self.blocks[home].patches;
+        let patches = patches.iter().filter(|q| q.local as usize == local && !q.contacts.is_empty());
         (particles, patches.map(|q| q.boundary as usize).collect())
     }
 
@@ -534,7 +531,7 @@ impl CpuWorld {
         let phase = Self::phase(&self.c, &self.space, &self.pairs, &self.p, &self.standing, Purpose::Observe);
         let mut found: Vec<Found> = Vec::new();
         found.resize_with(self.blocks.len(), Found::default);
-        each(&phase, &mut self.blocks, [&mut self.pull, &mut self.drain], &mut found);
+        each(&phase, &mut self.blocks, [&mut self.sums, &mut self.drains], &mut found);
         found
     }
 
@@ -556,20 +553,20 @@ impl CpuWorld {
 }
 
 /// The contact phase over all blocks, on as many threads as pay.
-fn each(phase: &Phase<'_>, blocks: &mut [Block], pulls: [&mut [Pull]; 2], found: &mut [Found]) {
-    let [mut pull, mut drain] = pulls;
+fn each(phase: &Phase<'_>, blocks: &mut [Block], shares: [&mut [Share]; 2], found: &mut [Found]) {
+    let [mut sums, mut drains] = shares;
     let mut work = Vec::with_capacity(blocks.len());
     for (block, found) in blocks.iter_mut().zip(found) {
-        let candidates = block.partner.len();
-        let (own, rest) = pull.split_at_mut(candidates);
-        let (own_drain, rest_drain) = drain.split_at_mut(candidates.min(drain.len()));
-        (pull, drain) = (rest, rest_drain);
-        work.push((block, own, own_drain, found));
+        let shares = block.shares();
+        let (own, rest) = sums.split_at_mut(shares);
+        let (own_drains, rest_drains) = drains.split_at_mut(shares.min(drains.len()));
+        (sums, drains) = (rest, rest_drains);
+        work.push((block, own, own_drains, found));
     }
     // A block takes some tens of microseconds; fewer than four are not worth waking threads for.
     let min = if work.len() < 4 { 4 } else { 1 };
-    work.into_par_iter().with_min_len(min).for_each(|(block, pull, drain, found)| {
-        SCRATCH.with_borrow_mut(|scratch| run(phase, block, pull, drain, found, scratch));
+    work.into_par_iter().with_min_len(min).for_each(|(block, sums, drains, found)| {
+        SCRATCH.with_borrow_mut(|scratch| run(phase, block, sums, drains, found, scratch));
     });
 }
 
@@ -610,8 +607,8 @@ impl Visitor for Motion<'_> {
 
     fn visit<S: Scheme>(self) -> Moved {
         let Self { world: w, ahead, first } = self;
-        let (blocks, incoming, found, s) = (&w.blocks, &w.incoming, &w.found, w.step);
-        let (pull, drain) = (&w.pull[..], &w.drain[..]);
+        let (blocks, incoming, s) = (&w.blocks, &w.incoming, w.step);
+        let (sums, drains) = (&w.sums[..], &w.drains[..]);
         let p = &mut w.p;
         let columns = (
             p.place.par_chunks_mut(BLOCK),
@@ -662,8 +659,7 @@ impl Visitor for Motion<'_> {
                     force,
                     lo_ref,
                 };
-                let contacts =
-                    Contacts { block: &blocks[b], pull, drain, incoming, surface: &found[b].surface };
+                let contacts = Contacts { block: &blocks[b], sums, drains, incoming };
                 let contacts = (!ahead).then_some(contacts);
                 advance_widest::<S>(&mut c, &s, moved, contacts, first);
             },
