@@ -10,7 +10,9 @@ use super::layout::{
 };
 use super::round::round_facing;
 use super::step::quad;
-use super::surfaces::{Spot, facing, from_origin, height_above, into_body, roughly, roughly_into_body};
+use super::surfaces::{
+    Spot, at_hand, facing, from_origin, height_above, into_body, roughly, roughly_into_body,
+};
 
 /// Nodes that a walk down a hierarchy may have waiting.
 const STACK: u32 = 40;
@@ -167,19 +169,18 @@ fn near(
                                         if leaf > 0u32 {
                                             for k in 0..leaf {
                                                 let triangle = ordered[(order0 + link + k) as usize];
-                                                let f = facing(
-                                                    verts,
-                                                    tris[(triangles + triangle) as usize],
-                                                    vertices,
-                                                    body,
-                                                    r,
-                                                    comptime!(s.fused),
-                                                );
-                                                if f.gap.delta > 0.0f32 - beyond {
-                                                    if comptime!(writes) {
-                                                        write(facets, from + found, triangle, b, image);
+                                                let corners = tris[(triangles + triangle) as usize];
+                                                if at_hand(verts, corners, vertices, y, r + beyond) {
+                                                    let fused = comptime!(s.fused);
+                                                    let f = facing(
+                                                        verts, corners, vertices, body, r, beyond, fused,
+                                                    );
+                                                    if f.gap.delta > 0.0f32 - beyond {
+                                                        if comptime!(writes) {
+                                                            write(facets, from + found, triangle, b, image);
+                                                        }
+                                                        found += 1u32;
                                                     }
-                                                    found += 1u32;
                                                 }
                                             }
                                         } else {

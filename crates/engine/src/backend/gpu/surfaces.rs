@@ -244,7 +244,32 @@ pub struct Facing {
     pub rank: u32,
 }
 
-/// The point of a triangle closest to the place `x` of its frame, seen by a sphere of radius `r` there.
+/// Whether a triangle may be within `reach` of the place `x` of its frame: whether the box around it is, in single
+/// precision and with as much room as that leaves open.
+#[cube]
+pub fn at_hand(verts: &Array<F4>, corners: U4, first: u32, x: V3, reach: f32) -> bool {
+    let a = verts[(2u32 * (first + corners[0])) as usize];
+    let b = verts[(2u32 * (first + corners[1])) as usize];
+    let c = verts[(2u32 * (first + corners[2])) as usize];
+    let apart = V3 {
+        x: outside(a[0], b[0], c[0], x.x),
+        y: outside(a[1], b[1], c[1], x.y),
+        z: outside(a[2], b[2], c[2], x.z),
+    };
+    let open = reach + 1.0e-6f32 * (f32::abs(x.x) + f32::abs(x.y) + f32::abs(x.z) + reach);
+    dot(apart, apart) <= open * open
+}
+
+/// How far `x` is from what `a`, `b` and `c` span.
+#[cube]
+fn outside(a: f32, b: f32, c: f32, x: f32) -> f32 {
+    let low = f32::min(a, f32::min(b, c));
+    let high = f32::max(a, f32::max(b, c));
+    f32::max(f32::max(low - x, x - high), 0.0f32)
+}
+
+/// The point of a triangle closest to the place `x` of its frame, seen by a sphere of radius `r` there. What is clearly
+/// further than `range` from the sphere is only told to be so: with an overlap of `-1e30`.
 ///
 /// The region of the triangle and the weights are found in f32; the point is then evaluated in pairs, and
 /// what the rounded weights left of it along the face or the edge is taken off.
@@ -255,6 +280,7 @@ pub fn facing(
     first: u32,
     x: Two3,
     r: f32,
+    range: f32,
     #[comptime] fused: bool,
 ) -> Facing {
     let va = vertex(verts, first + corners[0]);
@@ -266,29 +292,44 @@ pub fn facing(
     let closest = closest_to_origin(rounded(a), rounded(minus23(vb, x)), rounded(minus23(vc, x)));
     let ab = rounded(ab2);
     let ac = rounded(ac2);
-    let point = along2(along2(a, ab2, closest.s, fused), ac2, closest.t, fused);
     let rank = select(closest.feature == 0u32, 0u32, select(closest.feature < 4u32, 1u32, 2u32));
-    // Two directions across the normal of the feature; along them the point may still be off.
-    let on_bc = closest.feature == 2u32;
-    let on_ca = closest.feature == 3u32;
-    let bc = minus(ac, ab);
-    let edge = V3 {
-        x: select(on_bc, bc.x, select(on_ca, ac.x, ab.x)),
-        y: select(on_bc, bc.y, select(on_ca, ac.y, ab.y)),
-        z: select(on_bc, bc.z, select(on_ca, ac.z, ab.z)),
-    };
-    let u = scaled(edge, 1.0f32 / length(edge));
-    let across = minus(ac, scaled(u, dot(ac, u)));
-    let w = scaled(across, 1.0f32 / f32::max(length(across), 1.0e-30f32));
-    let p = rounded(point);
-    let off_u = select(rank < 2u32, dot(p, u), 0.0f32);
-    let off_w = select(rank == 0u32, dot(p, w), 0.0f32);
-    let settled = Two3 {
-        x: less(point.x, off_u * u.x, off_w * w.x),
-        y: less(point.y, off_u * u.y, off_w * w.y),
-        z: less(point.z, off_u * u.z, off_w * w.z),
-    };
-    Facing { gap: gap(settled, sum(r, 0.0f32), fused), rank }
+    let mut nx = 0.0f32;
+    let mut ny = 0.0f32;
+    let mut nz = 0.0f32;
+    let mut distance = 0.0f32;
+    let mut delta = (0.0f32 - 1.0e30f32).runtime();
+    let about = plus(rounded(a), plus(scaled(ab, closest.s), scaled(ac, closest.t)));
+    let open = r + range + 1.0e-6f32 * (length(rounded(a)) + length(ab) + length(ac));
+    if dot(about, about) <= open * open {
+        let point = along2(along2(a, ab2, closest.s, fused), ac2, closest.t, fused);
+        // Two directions across the normal of the feature; along them the point may still be off.
+        let on_bc = closest.feature == 2u32;
+        let on_ca = closest.feature == 3u32;
+        let bc = minus(ac, ab);
+        let edge = V3 {
+            x: select(on_bc, bc.x, select(on_ca, ac.x, ab.x)),
+            y: select(on_bc, bc.y, select(on_ca, ac.y, ab.y)),
+            z: select(on_bc, bc.z, select(on_ca, ac.z, ab.z)),
+        };
+        let u = scaled(edge, 1.0f32 / length(edge));
+        let across = minus(ac, scaled(u, dot(ac, u)));
+        let w = scaled(across, 1.0f32 / f32::max(length(across), 1.0e-30f32));
+        let p = rounded(point);
+        let off_u = select(rank < 2u32, dot(p, u), 0.0f32);
+        let off_w = select(rank == 0u32, dot(p, w), 0.0f32);
+        let settled = Two3 {
+            x: less(point.x, off_u * u.x, off_w * w.x),
+            y: less(point.y, off_u * u.y, off_w * w.y),
+            z: less(point.z, off_u * u.z, off_w * w.z),
+        };
+        let g = gap(settled, sum(r, 0.0f32), fused);
+        nx = g.n.x;
+        ny = g.n.y;
+        nz = g.n.z;
+        distance = g.distance;
+        delta = g.delta;
+    }
+    Facing { gap: Gap { n: V3 { x: nx, y: ny, z: nz }, distance, delta }, rank }
 }
 
 #[cube]
@@ -410,6 +451,15 @@ pub fn surfaces_of(
 
     let mut bound = Array::<u32>::new(comptime!(TOUCHED as usize));
     let mut m = 0u32;
+    // Facets of a boundary stand together: where the particle is, in the frame that it wants, is found once.
+    let mut of = NONE.runtime();
+    let mut through = NONE.runtime();
+    let mut xh = 0.0f32;
+    let mut xl = 0.0f32;
+    let mut yh = 0.0f32;
+    let mut yl = 0.0f32;
+    let mut zh = 0.0f32;
+    let mut zl = 0.0f32;
     for e in 0..entries {
         let facet = FACET_WORDS * (first + e);
         let triangle = facets[facet as usize];
@@ -418,7 +468,6 @@ pub fn surfaces_of(
         let bt = (bound0 + b) * boundary::WORDS;
         let at = bounds[(bt + boundary::POSE) as usize] + now * bounds[(bt + boundary::STRIDE) as usize];
         if poses[(at + pose::PRESENT) as usize] == 1u32 {
-            let x = from_origin(worlds, c, poses, at, p, seen, comptime!(s.fused), comptime!(s.orthogonal));
             let triangles = bounds[(bt + boundary::TRIANGLES) as usize];
             let mut ux = 0.0f32;
             let mut uy = 0.0f32;
@@ -428,8 +477,30 @@ pub fn surfaces_of(
             let mut order = 0u32;
             let parts =
                 if comptime!(s.rounds) { bounds[(bt + boundary::PARTS) as usize] } else { 0u32.runtime() };
+            if b != of || seen != through {
+                of = b;
+                through = seen;
+                let x =
+                    from_origin(worlds, c, poses, at, p, seen, comptime!(s.fused), comptime!(s.orthogonal));
+                xh = x.x.h;
+                xl = x.x.l;
+                yh = x.y.h;
+                yl = x.y.l;
+                zh = x.z.h;
+                zl = x.z.l;
+                if parts == 0u32 && triangles != NONE {
+                    let body = into_body(poses, at, x, comptime!(s.fused));
+                    xh = body.x.h;
+                    xl = body.x.l;
+                    yh = body.y.h;
+                    yl = body.y.l;
+                    zh = body.z.h;
+                    zl = body.z.l;
+                }
+            }
+            let spot = Two3 { x: Two { h: xh, l: xl }, y: Two { h: yh, l: yl }, z: Two { h: zh, l: zl } };
             if parts > 0u32 {
-                let f = round_facing(bounds, bt, poses, at, triangle, x, r, comptime!(s.fused));
+                let f = round_facing(bounds, bt, poses, at, triangle, spot, r, comptime!(s.fused));
                 ux = f.gap.n.x;
                 uy = f.gap.n.y;
                 uz = f.gap.n.z;
@@ -437,7 +508,7 @@ pub fn surfaces_of(
                 delta = f.gap.delta;
                 order = f.rank;
             } else if triangles == NONE {
-                let h = height_above(poses, at, x, comptime!(s.fused));
+                let h = height_above(poses, at, spot, comptime!(s.fused));
                 size = f32::abs(h.h);
                 let sign = select(h.h > 0.0f32, 1.0f32, 0.0f32 - 1.0f32);
                 delta = minus2(sum(r, 0.0f32), Two { h: h.h * sign, l: h.l * sign }).h;
@@ -447,22 +518,17 @@ pub fn surfaces_of(
                 uz = 0.0f32 - sign * float_at(poses, normal + 2u32);
             } else {
                 let vertices = bounds[(bt + boundary::VERTICES) as usize];
-                let body = into_body(poses, at, x, comptime!(s.fused));
-                let f = facing(
-                    verts,
-                    tris[(triangles + triangle) as usize],
-                    vertices,
-                    body,
-                    r,
-                    comptime!(s.fused),
-                );
-                let n = into_world(poses, at, f.gap.n);
-                ux = n.x;
-                uy = n.y;
-                uz = n.z;
-                size = f.gap.distance;
-                delta = f.gap.delta;
-                order = f.rank;
+                let corners = tris[(triangles + triangle) as usize];
+                if at_hand(verts, corners, vertices, rounded(spot), r + range) {
+                    let f = facing(verts, corners, vertices, spot, r, range, comptime!(s.fused));
+                    let n = into_world(poses, at, f.gap.n);
+                    ux = n.x;
+                    uy = n.y;
+                    uz = n.z;
+                    size = f.gap.distance;
+                    delta = f.gap.delta;
+                    order = f.rank;
+                }
             }
             if delta > 0.0f32 - range {
                 if m < TOUCHED {
