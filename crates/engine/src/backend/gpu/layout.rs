@@ -202,11 +202,11 @@ pub mod world {
     pub const GRADIENT: u32 = 76;
 }
 
-/// Words per unit of strain in `world::PATH`.
+/// Words per unit of strain in `world::PATH`, and per mean radius in `pose::PATH`.
 const PATH_UNITS: f64 = 1_048_576.0;
 
-/// A sum of strains as a whole number, rounded up, of which differences alone matter: they are the same wherever a run
-/// was split.
+/// A sum of strains, or a path in mean radii, as a whole number, rounded up, of which differences alone matter: they are
+/// the same wherever a run was split.
 pub fn path_word(path: f64) -> u32 {
     (path * PATH_UNITS).ceil() as u64 as u32
 }
@@ -325,7 +325,7 @@ pub mod pose {
     pub const NORMAL: u32 = 33;
     /// 1 if it is there.
     pub const PRESENT: u32 = 39;
-    /// How far its farthest point may have moved, counted from the last rebuild before the job \[m\].
+    /// How far its farthest point may have moved, counted from the last rebuild before the job, see [`super::path_word`].
     pub const PATH: u32 = 40;
 }
 
@@ -381,9 +381,10 @@ pub fn cell_at(worlds: &Array<u32>, c: u32, t: u32) -> u32 {
     worlds[(c + world::CELL) as usize] + t * worlds[(c + world::CELL_STRIDE) as usize]
 }
 
-/// How much any distance may have shrunk from one cell to a later one.
+/// How much any distance may have shrunk from one cell to a later one, or how many mean radii a surface has moved from
+/// one pose to a later one.
 #[cube]
-pub fn shrunk(from: u32, to: u32) -> f32 {
+pub fn gone(from: u32, to: u32) -> f32 {
     f32::cast_from(to - from) * comptime!((1.0 / PATH_UNITS) as f32)
 }
 

@@ -11,7 +11,7 @@ use super::compensated::{sum, tidy};
 use super::contacts::{COLUMNS, contacts_of, desk, seat};
 use super::layout::{
     BLOCK, F4, INNER, LOOK, NONE, SIGHTS, SLOTS, SUMS, Signature, U4, active, boundary, cell_at, flag,
-    float_at, halt, inner, pose, quick, shrunk, status, world,
+    float_at, gone, halt, inner, pose, quick, status, world,
 };
 use super::pair::inverse_inertia;
 use super::surfaces::surfaces_of;
@@ -818,7 +818,7 @@ pub fn step(
                     let now = worlds[(cell_at(worlds, c, t + late + 1u32) + world::PATH) as usize];
                     let touch =
                         2.0f32 * float_at(worlds, c + world::RADIUS_MAX) + float_at(worlds, c + world::RANGE);
-                    let left = skin - shrunk(since, now) * (touch + skin);
+                    let left = skin - gone(since, now) * (touch + skin);
                     let growth = comptime!((STEP_GROWTH * STEP_GROWTH) as f32);
                     outdated = left <= 0.0f32 || growth * away > 0.25f32 * left * left;
                 }
@@ -1096,10 +1096,9 @@ pub fn collect(
                 let at = bounds[(bt + boundary::POSE) as usize] + pose::PATH;
                 // Without a rebuild in this job paths count from the last one before it.
                 let known = rebuilt != NONE;
-                let since =
-                    select(known, float_at(poses, at + select(known, rebuilt, 0u32) * stride), 0.0f32);
-                let moved = float_at(poses, at + (t + 1u32) * stride) - since;
-                if moved > 0.5f32 * skin {
+                let since = select(known, poses[(at + select(known, rebuilt, 0u32) * stride) as usize], 0u32);
+                let moved = gone(since, poses[(at + (t + 1u32) * stride) as usize]);
+                if moved * float_at(worlds, c + world::RADIUS_MEAN) > 0.5f32 * skin {
                     flags[(w * flag::WORDS + flag::STALE) as usize].fetch_min(k);
                 }
             }

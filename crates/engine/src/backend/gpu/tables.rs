@@ -4,6 +4,7 @@ use super::layout::{BLOCK, IMAGE_ZERO, NONE, SLICE, boundary, path_word, pose, s
 use crate::backend::common::{runaway_distance, strays};
 use crate::lattice::Lattice;
 use crate::setup::{BoundaryShape, Constants, SKIN_MIN};
+use crate::spec::Pose;
 use crate::state::Progress;
 use crate::surface::{Placed, Span, rotate};
 
@@ -212,7 +213,7 @@ impl Meshes {
     }
 }
 
-fn words(c: &Constants, b: usize, placed: &Placed, present: bool, path: f64) -> [u32; pose::WORDS as usize] {
+fn words(c: &Constants, b: usize, placed: &Placed, present: bool, path: u32) -> [u32; pose::WORDS as usize] {
     let mut w = [0; pose::WORDS as usize];
     let origin = c.lattice.encode_beside(placed.pose.translation);
     put(&mut w, pose::ORIGIN, &origin.hi.map(|h| h as u32));
@@ -241,8 +242,7 @@ fn words(c: &Constants, b: usize, placed: &Placed, present: bool, path: f64) -> 
         }
     }
     w[pose::PRESENT as usize] = u32::from(present);
-    // Rounded up: lists must not be trusted for longer than they reach.
-    w[pose::PATH as usize] = ((path * (1.0 + 1e-6)) as f32).to_bits();
+    w[pose::PATH as usize] = path;
     w
 }
 
@@ -269,15 +269,25 @@ pub fn stand(
             if moves {
                 row[boundary::STRIDE as usize] = pose::WORDS;
             }
-            let mut path = 0.0;
+            let mut path = 0_u32;
             let mut before = state.reference;
+            let mut goes = |to: &Pose| {
+                path = path.wrapping_add(path_word(strays(c, bound, &before, to) / c.radius_mean));
+                before = *to;
+                path
+            };
+            if moves {
+                // Step by step, as it was when those steps were done, whatever jobs they belonged to.
+                for step in g.rebuilt.max(g.stage_since)..g.step {
+                    goes(&state.placed_at(c, s, g.stage, step).pose);
+                }
+            }
             for step in 0..=if moves { steps } else { 0 } {
                 let mut placed = state.placed_at(c, s, g.stage, g.step + step);
                 if reference {
                     placed.pose = state.reference;
                 }
-                path += strays(c, bound, &before, &placed.pose);
-                before = placed.pose;
+                let path = goes(&placed.pose);
                 if let Some(span) = Span::new(c, &bound.shape, &placed.pose) {
                     for k in 0..3 {
                         let [low, high] = span.all_images(c, k, c.cutoff());
@@ -288,7 +298,7 @@ pub fn stand(
             }
         } else {
             let placed = Placed { pose: bound.pose, ..Placed::default() };
-            poses.extend_from_slice(&words(c, b, &placed, true, 0.0));
+            poses.extend_from_slice(&words(c, b, &placed, true, 0));
         }
         for k in 0..3 {
             for (end, at) in range[k].into_iter().zip([0, 3]) {
