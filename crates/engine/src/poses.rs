@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use crate::lattice::{norm, scale, sub};
 use crate::spec::{Pose, Vec3};
-use crate::surface::{Placed, compose, quaternion};
+use crate::surface::{Placed, compose, quaternion, reversed};
 
 /// Rows closer than this to half a turn apart \[rad\] do not say which way it goes.
 const HALF_TURN: f64 = 1e-6;
@@ -104,8 +104,7 @@ impl PoseTable {
             }
             let turn = unit(row.pose.rotation).ok_or(PoseTableError::NoRotation(k))?;
             if k == 0 {
-                let [w, x, y, z] = turn;
-                back = [w, -x, -y, -z];
+                back = reversed(turn);
             }
             poses.push(Pose {
                 translation: sub(row.pose.translation, first.pose.translation),
@@ -119,8 +118,7 @@ impl PoseTable {
                 if duration <= 0.0 {
                     return Err(PoseTableError::Order { row: k, time, before });
                 }
-                let [w, x, y, z] = poses[k - 1].rotation;
-                let turn = compose(poses[k].rotation, [w, -x, -y, -z]);
+                let turn = compose(poses[k].rotation, reversed(poses[k - 1].rotation));
                 // Both signs are the same rotation; the one with w ≥ 0 goes the shorter way.
                 let sign = if turn[0] < 0.0 { -1.0 } else { 1.0 };
                 let about = [sign * turn[1], sign * turn[2], sign * turn[3]];

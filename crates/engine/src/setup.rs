@@ -184,7 +184,7 @@ impl Constants {
     }
     /// Longest reach of a neighbour list \[m\].
     pub fn cutoff(&self) -> f64 {
-        2.0 * self.radius_max + self.range + SKIN_MAX * self.radius_mean
+        self.touch() + SKIN_MAX * self.radius_mean
     }
 }
 

@@ -313,6 +313,17 @@ pub struct Progress {
 }
 
 impl Progress {
+    /// Makes surfaces and cell, as they are at this step, those that lists are made of.
+    pub fn refer(&mut self, c: &Constants) {
+        for s in 0..self.surfaces.len() {
+            self.surfaces[s].reference = self.surfaces[s].placed(c, s, self).pose;
+        }
+        if let Some(cell) = &mut self.cell {
+            cell.refer();
+        }
+        self.rebuilt = self.step;
+    }
+
     /// Takes in the forces of one step on the surfaces (force \[N\], torque about the frame's origin
     /// \[N m\]): sums of the sample, path and measures.
     pub fn account(&mut self, c: &Constants, forces: &[[f64; 6]]) {

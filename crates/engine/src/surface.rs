@@ -14,8 +14,7 @@ impl Pose {
     }
     /// The body frame coordinates of a world point \[m\].
     pub fn inverse(&self, x: Vec3) -> Vec3 {
-        let [w, i, j, k] = self.rotation;
-        rotate([w, -i, -j, -k], sub(x, self.translation))
+        rotate(reversed(self.rotation), sub(x, self.translation))
     }
 }
 
@@ -24,6 +23,11 @@ pub fn rotate(q: [f64; 4], x: Vec3) -> Vec3 {
     let u = [q[1], q[2], q[3]];
     let t = scale(cross(u, x), 2.0);
     add(x, add(scale(t, q[0]), cross(u, t)))
+}
+
+/// The unit quaternion of the turn that takes `q` back.
+pub fn reversed([w, x, y, z]: [f64; 4]) -> [f64; 4] {
+    [w, -x, -y, -z]
 }
 
 /// The unit quaternion of a turn by `angle` \[rad\] about the unit vector `axis`.

@@ -6,7 +6,7 @@ use crate::lattice::{Lattice, dot, norm, sub};
 use crate::setup::{Boundary, BoundaryShape, Constants};
 use crate::spec::{Pose, Vec3};
 use crate::state::{Lost, Particles, Progress};
-use crate::surface::{Placed, SurfacePoint, rotate, touch};
+use crate::surface::{Placed, SurfacePoint, reversed, rotate, touch};
 
 /// A boundary as it stands in a step.
 #[derive(Debug, Default)]
@@ -82,8 +82,7 @@ impl Standing {
 /// The triangle that shows a contact of a facet, at `arm` from the frame's origin \[m\].
 pub fn shown(boundary: &Boundary, standing: &Standing, arm: Vec3, facet: u32) -> u32 {
     let BoundaryShape::Frustum(frustum) = &boundary.shape else { return facet };
-    let [w, x, y, z] = standing.placed.pose.rotation;
-    frustum.shown(rotate([w, -x, -y, -z], arm), facet)
+    frustum.shown(rotate(reversed(standing.placed.pose.rotation), arm), facet)
 }
 
 /// A particle as messages and accounts see it.

@@ -248,13 +248,7 @@ impl CpuWorld {
         self.p.hi_ref.clone_from(&self.p.hi);
         self.p.lo_ref.clear();
         self.p.lo_ref.extend(self.p.place.iter().map(|p| p.lo));
-        for (s, surface) in g.surfaces.clone().into_iter().enumerate() {
-            g.surfaces[s].reference = surface.placed(&self.c, s, g).pose;
-        }
-        if let Some(cell) = &mut g.cell {
-            cell.refer();
-        }
-        g.rebuilt = g.step;
+        g.refer(&self.c);
         g.rebuilds += 1;
         self.arrange(g)
     }

@@ -698,14 +698,8 @@ impl Group {
         for (w, state) in loaded.iter_mut() {
             let g = &mut state.progress;
             if g.stale {
-                for s in 0..g.surfaces.len() {
-                    g.surfaces[s].reference = g.surfaces[s].placed(&self.worlds[*w], s, g).pose;
-                }
-                if let Some(cell) = &mut g.cell {
-                    cell.refer();
-                }
+                g.refer(&self.worlds[*w]);
                 g.stale = false;
-                g.rebuilt = g.step;
                 g.rebuilds += 1;
             }
             self.last[*w] = g.clone();
@@ -915,25 +909,19 @@ impl Group {
             let rebuilt = self.state_word(w, status::REBUILT);
             g.skin = f64::from(f32::from_bits(self.state_word(w, status::SKIN)));
             g.rebuilds += u64::from(self.state_word(w, status::REBUILDS));
-            if let Some(cell) = &mut g.cell {
-                for t in 0..=done {
-                    if t > 0 {
-                        cell.step(c.dt);
-                    }
-                    if t == u64::from(rebuilt) {
-                        cell.refer();
-                    }
+            let now = g.step;
+            for t in 0..=done {
+                if t > 0
+                    && let Some(cell) = &mut g.cell
+                {
+                    cell.step(c.dt);
+                }
+                if t == u64::from(rebuilt) {
+                    g.step = begin + t;
+                    g.refer(&c);
                 }
             }
-            if rebuilt != NONE {
-                let now = g.step;
-                g.step = begin + u64::from(rebuilt);
-                for s in 0..surfaces {
-                    g.surfaces[s].reference = g.surfaces[s].placed(&c, s, g).pose;
-                }
-                g.rebuilt = g.step;
-                g.step = now;
-            }
+            g.step = now;
             self.last[w] = g.clone();
             let f = &flags[w * flag::WORDS as usize..(w + 1) * flag::WORDS as usize];
             let worst = f64::from(f32::from_bits(f[flag::WORST as usize]));

@@ -113,7 +113,12 @@ fn near(
                         } else {
                             0u32.runtime()
                         };
-                        if parts > 0u32 {
+                        let mut meets = parts > 0u32;
+                        if !meets {
+                            meets =
+                                may_meet(poses, at, nodes, first_node, triangles == NONE, rough, far + blur);
+                        }
+                        if meets {
                             let x = from_origin(
                                 worlds,
                                 c,
@@ -124,28 +129,18 @@ fn near(
                                 comptime!(s.fused),
                                 comptime!(s.orthogonal),
                             );
-                            for part in 0..parts {
-                                let f = round_facing(bounds, bt, poses, at, part, x, r, comptime!(s.fused));
-                                if f.gap.delta > 0.0f32 - beyond {
-                                    if comptime!(writes) {
-                                        write(facets, from + found, part, b, image);
+                            if parts > 0u32 {
+                                for part in 0..parts {
+                                    let f =
+                                        round_facing(bounds, bt, poses, at, part, x, r, comptime!(s.fused));
+                                    if f.gap.delta > 0.0f32 - beyond {
+                                        if comptime!(writes) {
+                                            write(facets, from + found, part, b, image);
+                                        }
+                                        found += 1u32;
                                     }
-                                    found += 1u32;
                                 }
-                            }
-                        } else if may_meet(poses, at, nodes, first_node, triangles == NONE, rough, far + blur)
-                        {
-                            let x = from_origin(
-                                worlds,
-                                c,
-                                poses,
-                                at,
-                                p,
-                                image,
-                                comptime!(s.fused),
-                                comptime!(s.orthogonal),
-                            );
-                            if triangles == NONE {
+                            } else if triangles == NONE {
                                 if height_above(poses, at, x, comptime!(s.fused)).h < reach {
                                     if comptime!(writes) {
                                         write(facets, from + found, 0u32, b, image);

@@ -43,7 +43,7 @@ pub struct Region {
 /// The cells that a world may come to need: as many as its finest grid has, but no more than follow from its
 /// particles.
 pub fn cell_room(c: &Constants, count: usize) -> u32 {
-    let reach = 2.0 * c.radius_max + c.range + SKIN_MIN * c.radius_mean;
+    let reach = c.touch() + SKIN_MIN * c.radius_mean;
     let cells: f64 = (0..3)
         .map(|k| (c.lattice.height[k] / reach).floor().max(1.0) * f64::from(c.lattice.windows[k]))
         .product();
