@@ -245,7 +245,7 @@ impl Batch {
     }
     /// Energies and contacts of a world now.
     pub fn moment(&mut self, world: usize) -> Moment {
-        self.fleet.observe(world, &self.worlds[world].progress)
+        self.fleet.moment(world, &self.worlds[world].progress)
     }
     /// Coordination, network and triangle forces of a world now.
     pub fn detail(&mut self, world: usize) -> Detail {
@@ -289,12 +289,17 @@ impl Batch {
         }
         self.fleet.advance(&mut jobs);
         let outcomes: Vec<_> = jobs.into_iter().map(|j| (j.world, j.outcome)).collect();
+        let mut sound = Vec::new();
         for (w, outcome) in outcomes {
-            if let Err(failure) = outcome {
-                self.worlds[w].status = Status::Failed(failure);
-            } else {
-                self.sample(w, observer)?;
+            match outcome {
+                Ok(()) => sound.push(w),
+                Err(failure) => self.worlds[w].status = Status::Failed(failure),
             }
+        }
+        let asked: Vec<_> = sound.iter().map(|&w| (w, &self.worlds[w].progress)).collect();
+        let moments = self.fleet.observe(&asked);
+        for (w, moment) in sound.into_iter().zip(moments) {
+            self.sample(w, &moment, observer)?;
         }
         Ok(())
     }
@@ -309,14 +314,13 @@ impl Batch {
         failed
     }
 
-    fn sample<O: Observer>(&mut self, w: usize, observer: &mut O) -> Result<(), O::Error> {
-        let moment = self.fleet.observe(w, &self.worlds[w].progress);
+    fn sample<O: Observer>(&mut self, w: usize, moment: &Moment, observer: &mut O) -> Result<(), O::Error> {
         if self.fails(w) {
             return Ok(());
         }
         let world = &mut self.worlds[w];
         world.particles = world.constants.count_now(&world.progress);
-        let sample = world.sample(&moment);
+        let sample = world.sample(moment);
         let frame = world.frames.is_some_and(|f| world.progress.step.is_multiple_of(world.every * f));
         observer.sample(w, &sample)?;
         if frame {
@@ -326,7 +330,7 @@ impl Batch {
         if world.status != Status::Running {
             return Ok(());
         }
-        if let Some(ended_by) = world.stage_end(&moment) {
+        if let Some(ended_by) = world.stage_end(moment) {
             self.end_stage(w, ended_by, observer)?;
         }
         Ok(())
@@ -361,7 +365,7 @@ impl Batch {
     fn begin_stage<O: Observer>(&mut self, w: usize, observer: &mut O) -> Result<(), O::Error> {
         let c = self.worlds[w].constants.clone();
         if self.worlds[w].progress.step == 0 && self.worlds[w].progress.samples == 0 {
-            let moment = self.fleet.observe(w, &self.worlds[w].progress);
+            let moment = self.moment(w);
             if self.fails(w) {
                 return Ok(());
             }
@@ -417,7 +421,7 @@ impl Batch {
         // Accelerations of the configuration before are not those of this one.
         state.progress.primed = false;
         self.fleet.load(w, &mut state);
-        let after = self.fleet.observe(w, &state.progress);
+        let after = self.fleet.moment(w, &state.progress);
         let energy = |m: &Moment| m.kinetic() + m.potential + m.elastic_normal + m.elastic_tangential;
         state.progress.ledger.removed += energy(&before) - energy(&after);
         state.progress.ledger.elastic_tangential += after.elastic_tangential - before.elastic_tangential;

@@ -50,8 +50,12 @@ pub struct Memory {
 pub trait Fleet: Send {
     /// Advances worlds, each by its own number of steps. A world that fails stops there; the rest go on.
     fn advance(&mut self, jobs: &mut [Job<'_>]);
-    /// Energies and contacts of a world's present configuration. Changes nothing.
-    fn observe(&mut self, world: usize, progress: &Progress) -> Moment;
+    /// Energies and contacts of the present configuration of worlds, in their order. Changes nothing.
+    fn observe(&mut self, asked: &[(usize, &Progress)]) -> Vec<Moment>;
+    /// The same of one world.
+    fn moment(&mut self, world: usize, progress: &Progress) -> Moment {
+        self.observe(&[(world, progress)]).pop().unwrap_or_default()
+    }
     /// Coordination of every particle and the force on every triangle in the present state of a world. Changes nothing.
     fn detail(&mut self, world: usize, state: &State) -> Detail;
     /// The complete state of a world. A pure read: the run goes on as if it had not been taken.

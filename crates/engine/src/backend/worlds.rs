@@ -43,10 +43,19 @@ impl<W: World> Worlds<W> {
     }
 }
 
+/// What is asked of worlds beside the worlds that it is asked of, each once.
+fn side_by_side<W, T>(
+    worlds: &mut [W],
+    asked: impl IntoIterator<Item = T>,
+    of: impl Fn(&T) -> usize,
+) -> Vec<(&mut W, T)> {
+    let mut worlds: Vec<Option<&mut W>> = worlds.iter_mut().map(Some).collect();
+    asked.into_iter().filter_map(|t| Some((worlds[of(&t)].take()?, t))).collect()
+}
+
 impl<W: World> Fleet for Worlds<W> {
     fn advance(&mut self, jobs: &mut [Job<'_>]) {
-        let mut worlds: Vec<Option<&mut W>> = self.0.iter_mut().map(Some).collect();
-        let paired: Vec<_> = jobs.iter_mut().filter_map(|j| Some((worlds[j.world].take()?, j))).collect();
+        let paired = side_by_side(&mut self.0, jobs, |job| job.world);
         paired.into_par_iter().for_each(|(world, job)| {
             let c = world.constants().clone();
             job.outcome = (0..job.steps).try_for_each(|_| {
@@ -59,8 +68,9 @@ impl<W: World> Fleet for Worlds<W> {
         });
     }
 
-    fn observe(&mut self, world: usize, progress: &Progress) -> Moment {
-        self.0[world].observe(progress)
+    fn observe(&mut self, asked: &[(usize, &Progress)]) -> Vec<Moment> {
+        let paired: Vec<_> = side_by_side(&mut self.0, asked, |(world, _)| *world);
+        paired.into_par_iter().map(|(world, (_, progress))| world.observe(progress)).collect()
     }
 
     fn detail(&mut self, world: usize, state: &State) -> Detail {

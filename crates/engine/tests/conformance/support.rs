@@ -363,7 +363,7 @@ impl Run {
     }
 
     pub fn moment(&mut self) -> Moment {
-        self.fleet.observe(0, &self.g)
+        self.fleet.moment(0, &self.g)
     }
 
     pub fn detail(&mut self) -> Detail {
@@ -421,7 +421,7 @@ impl Together {
     }
 
     pub fn moment(&mut self, world: usize) -> Moment {
-        self.fleet.observe(world, &self.worlds[world].1)
+        self.fleet.moment(world, &self.worlds[world].1)
     }
 
     /// The particles of a world by their numbers.

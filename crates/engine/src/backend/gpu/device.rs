@@ -174,6 +174,21 @@ impl<R: Runtime> Device<R> {
         }
     }
 
+    /// All that buffers hold, in one answer.
+    pub fn read_all(&self, buffers: &[&Buffer]) -> Vec<Vec<u32>> {
+        let handles = buffers.iter().map(|b| b.handle.clone()).collect();
+        match guarded(|| cubecl::future::block_on(self.client.read_async(handles))) {
+            Ok(Ok(all)) if all.iter().zip(buffers).all(|(bytes, b)| bytes.len() >= b.bytes()) => {
+                let both = all.iter().zip(buffers);
+                return both.map(|(bytes, b)| bytemuck::pod_collect_to_vec(&bytes[..b.bytes()])).collect();
+            }
+            Ok(Ok(_)) => self.breaks(unanswered("fewer bytes came back than were asked for")),
+            Ok(Err(error)) => self.breaks(unanswered(plain(&error))),
+            Err(panic) => self.breaks(unanswered(panic)),
+        }
+        buffers.iter().map(|b| vec![0; b.bytes() / 4]).collect()
+    }
+
     /// `len` elements of a buffer from `from` on.
     pub fn read<T: Pod>(&self, buffer: &Buffer, from: usize, len: usize) -> Vec<T> {
         if len == 0 {
@@ -182,7 +197,6 @@ impl<R: Runtime> Device<R> {
         let part = Buffer { handle: self.client.empty(len * buffer.size), len, size: buffer.size };
         let words = buffer.size / 4;
         self.copy(buffer, from * words, &part, 0, len * words);
-        let unanswered = |why: String| Fault::refused(format!("it does not answer: {why}"));
         match guarded(|| self.client.read_one(part.handle)) {
             Ok(Ok(bytes)) if bytes.len() >= len * size_of::<T>() => {
                 return bytemuck::pod_collect_to_vec(&bytes[..len * size_of::<T>()]);
@@ -221,6 +235,10 @@ impl<R: Runtime> Device<R> {
             );
         }
     }
+}
+
+fn unanswered(why: impl std::fmt::Display) -> Fault {
+    Fault::refused(format!("it does not answer: {why}"))
 }
 
 /// Most blocks along an axis of a grid. Kernels that look up the world of their block are launched with no more: a

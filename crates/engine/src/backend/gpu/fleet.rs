@@ -15,7 +15,7 @@ use super::layout::{
 };
 use super::step::Purpose;
 use super::tables::{Meshes, Region, Rooms, cell_room, deform, pair_quads, stand, status_row, world_row};
-use super::{lists, rows, scan, step};
+use super::{lists, rows, scan, step, sums};
 use crate::backend::common::{
     Portrait, leavers, narrow_failure, overlap_failure, runaway_failure, too_deep, unload,
 };
@@ -95,6 +95,7 @@ struct Buffers {
     sums: Buffer,
     sights: Buffer,
     series: Buffer,
+    gathered: Buffer,
     bins: Buffer,
     counters: Buffer,
     starts: Buffer,
@@ -257,14 +258,20 @@ impl<R: Runtime> Fleet for GpuFleet<R> {
         })
     }
 
-    fn observe(&mut self, world: usize, progress: &Progress) -> Moment {
-        let (g, w) = self.at[world];
-        let group = &mut self.groups[g];
-        if self.device.broken().is_some() {
-            Moment::default()
-        } else {
-            group.observe(&self.device, w, progress)
+    fn observe(&mut self, asked: &[(usize, &Progress)]) -> Vec<Moment> {
+        let mut seen = vec![Moment::default(); asked.len()];
+        for (g, group) in self.groups.iter_mut().enumerate() {
+            let of = |world: usize| (self.at[world].0 == g).then(|| self.at[world].1);
+            let (places, mine): (Vec<usize>, Vec<_>) =
+                asked.iter().enumerate().filter_map(|(k, (w, p))| Some((k, (of(*w)?, *p)))).unzip();
+            if mine.is_empty() || self.device.broken().is_some() {
+                continue;
+            }
+            for (k, moment) in places.into_iter().zip(group.observe(&self.device, &mine)) {
+                seen[k] = moment;
+            }
         }
+        seen
     }
 
     fn detail(&mut self, world: usize, state: &State) -> Detail {
@@ -312,7 +319,7 @@ impl<R: Runtime> Fleet for GpuFleet<R> {
 }
 
 impl Buffers {
-    fn all(&self) -> [&Buffer; 42] {
+    fn all(&self) -> [&Buffer; 43] {
         [
             &self.world_of,
             &self.world_of_cell,
@@ -344,6 +351,7 @@ impl Buffers {
             &self.sums,
             &self.sights,
             &self.series,
+            &self.gathered,
             &self.bins,
             &self.counters,
             &self.starts,
@@ -364,6 +372,15 @@ impl Buffers {
     }
 }
 
+/// What the host reads of a stretch.
+struct Report {
+    flags: Vec<u32>,
+    /// Sums of the ledger over each world, as pairs.
+    sums: Vec<f32>,
+    /// Forces on surfaces, step by step.
+    series: Vec<f32>,
+}
+
 /// A world of a group and what its rebuild had no room for: entries, rows, facets.
 type Lack = (usize, [u32; 3]);
 
@@ -376,6 +393,7 @@ impl Group {
     ) -> Self {
         loop {
             let counted: Vec<_> = worlds.iter().map(|(c, s)| (c.clone(), s.particles.len())).collect();
+            let counts: Vec<usize> = counted.iter().map(|(_, count)| *count).collect();
             let mut group = Self::allocate(device, signature, &counted, &rooms);
             if device.broken().is_some() {
                 return group;
@@ -390,7 +408,7 @@ impl Group {
                 return group;
             }
             for need in needs {
-                widen(&mut rooms, need);
+                widen(&mut rooms, &counts, need);
             }
         }
     }
@@ -471,6 +489,7 @@ impl Group {
             sums: device.zeros(1, 4),
             sights: device.zeros(signature.blocks(n, row_room) * signature.sights() as usize, 4),
             series: device.zeros(1, 4),
+            gathered: device.zeros(worlds.len() * 2 * SUMS.max(signature.sights()) as usize, 4),
             bins: device.zeros(n, 4),
             counters: device.zeros(cells as usize, 4),
             starts: device.zeros(cells as usize + 1, 4),
@@ -694,7 +713,7 @@ impl Group {
         }
         self.begin(device, 0);
         self.rebuild(device);
-        let flags = self.fetch(device);
+        let flags = self.fetch(device).flags;
         for (w, state) in loaded.iter_mut() {
             let g = &mut state.progress;
             if g.stale {
@@ -721,7 +740,7 @@ impl Group {
     fn regrow<R: Runtime>(&mut self, device: &Device<R>, needs: Vec<Lack>, w: usize, given: &mut State) {
         let mut rooms: Vec<Rooms> = self.regions.iter().map(|r| r.rooms).collect();
         for need in needs {
-            widen(&mut rooms, need);
+            widen(&mut rooms, &self.counts, need);
         }
         let mut states: Vec<State> = (0..self.worlds.len())
             .map(|k| if k == w { std::mem::take(given) } else { self.state(device, k, &self.last[k]) })
@@ -734,12 +753,40 @@ impl Group {
         *given = std::mem::take(&mut states[w]);
     }
 
-    /// Reads states and flags.
-    fn fetch<R: Runtime>(&mut self, device: &Device<R>) -> Vec<u32> {
+    /// Reads states, flags, and what steps have left.
+    fn fetch<R: Runtime>(&mut self, device: &Device<R>) -> Report {
+        if self.signature.ledger {
+            self.over_blocks(device, SUMS, true, &self.b.sums);
+        }
+        let b = &self.b;
+        let mut all = device.read_all(&[&b.states, &b.flags, &b.gathered, &b.series]).into_iter();
         device.settle();
-        let (states, flags) = (self.b.states.clone(), self.b.flags.clone());
-        self.states = device.read(&states, 0, states.len);
-        device.read(&flags, 0, flags.len)
+        self.states = all.next().unwrap_or_default();
+        let [flags, sums, series] = std::array::from_fn(|_| all.next().unwrap_or_default());
+        let floats = |words: Vec<u32>| words.into_iter().map(f32::from_bits).collect();
+        Report { flags, sums: floats(sums), series: floats(series) }
+    }
+
+    /// Sums over the blocks of each world.
+    fn over_blocks<R: Runtime>(&self, device: &Device<R>, quantities: u32, pairs: bool, blocks: &Buffer) {
+        let worlds = self.worlds.len();
+        // SAFETY: the kernel stays within the blocks of the worlds, for which the buffers were laid out.
+        #[allow(unsafe_code)]
+        unsafe {
+            sums::over_blocks::launch_unchecked::<R>(
+                device.client(),
+                grid(worlds * quantities as usize),
+                CubeDim::new_1d(BLOCK),
+                worlds as u32,
+                self.padded / self.signature.shape.owners,
+                self.b.worlds.arg(),
+                blocks.arg(),
+                self.b.gathered.arg(),
+                quantities,
+                pairs,
+                self.signature,
+            );
+        }
     }
 
     /// Lets the servos act that are due.
@@ -751,7 +798,7 @@ impl Group {
             return;
         }
         let asked: Vec<(usize, &Progress)> = due.iter().map(|&k| (jobs[k].0, &*jobs[k].1.progress)).collect();
-        let seen = self.observe_all(device, &asked);
+        let seen = self.observe(device, &asked);
         for (k, moment) in due.into_iter().zip(seen) {
             let (w, job) = &mut jobs[k];
             self.worlds[*w].govern(job.progress, moment.tensors.as_ref());
@@ -811,11 +858,12 @@ impl Group {
         if split && jobs.iter().any(|(_, j)| !j.progress.primed) {
             self.look(device, Purpose::Prime);
         }
-        let mut flags;
+        let mut report;
         let mut left_over = longest as u32;
         let attended = longest <= ATTENDED;
         let mut idle = 0;
         loop {
+            let mut kept = None;
             // Groups end where lists do.
             let left_at_start = left_over;
             let age = jobs.iter().map(|(w, _)| self.state_word(*w, status::SINCE)).max().unwrap_or(0);
@@ -827,12 +875,16 @@ impl Group {
                     self.step(device, launch);
                 }
                 self.begin(device, k);
-                if !attended || self.rebuilding(device) {
+                left_over = left_over.saturating_sub(k);
+                kept = attended.then(|| self.fetch(device)).filter(|report| !self.rebuilding(report));
+                if kept.is_none() {
                     self.rebuild(device);
                 }
-                left_over = left_over.saturating_sub(k);
             }
-            flags = self.fetch(device);
+            report = match kept {
+                Some(report) => report,
+                None => self.fetch(device),
+            };
             let open = (0..self.worlds.len())
                 .map(|w| self.state_word(w, status::TARGET).saturating_sub(self.state_word(w, status::BASE)))
                 .max()
@@ -855,7 +907,7 @@ impl Group {
         // About as many launches as steps between rebuilds: it decides how much is done in vain, never what
         // comes out.
         self.launches = (longest as u32).checked_div(rebuilds).unwrap_or(PERIOD).clamp(8, PERIOD);
-        self.finish(device, jobs, left, &flags, split);
+        self.finish(device, jobs, left, &report, split);
         self.times.device += began.elapsed().as_secs_f64();
     }
 
@@ -865,16 +917,13 @@ impl Group {
         device: &Device<R>,
         jobs: &mut [(usize, &mut Job<'_>)],
         left: &mut [u64],
-        flags: &[u32],
+        report: &Report,
         split: bool,
     ) {
         if device.broken().is_some() {
             return;
         }
-        let series = self.b.series.clone();
-        let series: Vec<f32> = device.read(&series, 0, series.len);
-        let sums = self.b.sums.clone();
-        let sums: Vec<f32> = device.read(&sums, 0, sums.len);
+        let Report { flags, sums, series } = report;
         let mut stopped = Vec::new();
         for ((w, job), left) in jobs.iter_mut().zip(left.iter_mut()) {
             let c = self.worlds[*w].clone();
@@ -905,7 +954,7 @@ impl Group {
             }
             g.primed |= done > 0;
             *left -= done;
-            self.book(w, &sums, g, done);
+            self.book(w, sums, g, done);
             let rebuilt = self.state_word(w, status::REBUILT);
             g.skin = f64::from(f32::from_bits(self.state_word(w, status::SKIN)));
             g.rebuilds += u64::from(self.state_word(w, status::REBUILDS));
@@ -950,7 +999,7 @@ impl Group {
     /// Takes out the particles that left a world, or takes more memory, and makes its lists again.
     fn relieve<R: Runtime>(&mut self, device: &Device<R>, w: usize, g: &mut Progress, flags: &[u32]) {
         let c = self.worlds[w].clone();
-        let before = self.observe(device, w, g);
+        let before = self.observe(device, &[(w, g)]).pop().unwrap_or_default();
         let mut state = self.state(device, w, g);
         let keep = leavers(&c, &state.particles, &mut state.progress);
         state.remove(&keep);
@@ -970,7 +1019,7 @@ impl Group {
             self.regrow(device, needs, w, &mut state);
         }
         if keep.contains(&false) {
-            let after = self.observe(device, w, &state.progress);
+            let after = self.observe(device, &[(w, &state.progress)]).pop().unwrap_or_default();
             let gone = [
                 before.elastic_normal - after.elastic_normal,
                 before.elastic_tangential - after.elastic_tangential,
@@ -986,11 +1035,9 @@ impl Group {
             return;
         }
         let mut total = [0.0_f64; SUMS as usize];
-        for block in self.blocks_of(w) {
-            for (q, sum) in total.iter_mut().enumerate() {
-                let at = (block * SUMS as usize + q) * 2;
-                *sum += f64::from(sums[at]) + f64::from(sums[at + 1]);
-            }
+        for (q, sum) in total.iter_mut().enumerate() {
+            let at = (w * SUMS as usize + q) * 2;
+            *sum = f64::from(sums[at]) + f64::from(sums[at + 1]);
         }
         let [friction, dash, roll, damped, work, before, tangential, last] = total;
         let l = &mut g.ledger;
@@ -1093,17 +1140,6 @@ impl Group {
         self.signature.blocks(self.padded as usize, self.rooms[1] as usize)
     }
 
-    /// The blocks of a world.
-    fn blocks_of(&self, w: usize) -> impl Iterator<Item = usize> + use<> {
-        let (r, shape) = (&self.regions[w], self.signature.shape);
-        let far = self.padded / shape.owners;
-        let of = |first: u32, end: u32| first as usize..end as usize;
-        let rows = if self.signature.near_blocks() { r.rooms.rows } else { 0 };
-        let begins = far + r.begins[1] / shape.near;
-        of(r.first / shape.owners, (r.first + r.blocks * BLOCK) / shape.owners)
-            .chain(of(begins, begins + rows / shape.near))
-    }
-
     fn launch_step<R: Runtime>(&self, device: &Device<R>, k: u32, purpose: Purpose, sums: &Buffer) {
         let b = &self.b;
         // SAFETY: kernels stay within the buffers, whose sizes follow from the same layout.
@@ -1190,12 +1226,8 @@ impl Group {
         self.launch_step(device, 0, purpose, &self.b.sights);
     }
 
-    fn observe<R: Runtime>(&mut self, device: &Device<R>, w: usize, g: &Progress) -> Moment {
-        self.observe_all(device, &[(w, g)]).pop().unwrap_or_default()
-    }
-
-    /// Looks at several worlds at once.
-    fn observe_all<R: Runtime>(&mut self, device: &Device<R>, asked: &[(usize, &Progress)]) -> Vec<Moment> {
+    /// Looks at worlds.
+    fn observe<R: Runtime>(&mut self, device: &Device<R>, asked: &[(usize, &Progress)]) -> Vec<Moment> {
         let mut jobs = vec![None; self.worlds.len()];
         for w in 0..self.worlds.len() {
             self.set_state(w, status::BASE, 0);
@@ -1210,39 +1242,37 @@ impl Group {
             return Vec::new();
         }
         self.look(device, Purpose::Observe);
-        let sights = self.b.sights.clone();
-        let sights: Vec<f32> = device.read(&sights, 0, sights.len);
+        self.over_blocks(device, self.signature.sights(), false, &self.b.sights);
+        let seen: Vec<f32> = device.read(&self.b.gathered, 0, self.b.gathered.len);
         for (w, _) in asked {
             self.set_state(*w, status::ASKED, 0);
         }
-        asked.iter().map(|(w, _)| self.moment(*w, &sights)).collect()
+        asked.iter().map(|(w, _)| self.moment(*w, &seen)).collect()
     }
 
-    /// The sums over a world from those of its blocks.
-    fn moment(&self, w: usize, sights: &[f32]) -> Moment {
-        let mut m = Moment::default();
-        let mut twice = 0.0;
-        let mut inside = [0.0; INNER as usize];
-        for block in self.blocks_of(w) {
-            let at = block * self.signature.sights() as usize;
-            if self.signature.sample {
-                let parts = &sights[at + SIGHTS as usize..];
-                inside.iter_mut().zip(parts).for_each(|(sum, part)| *sum += f64::from(*part));
-            }
-            let s: [f64; SIGHTS as usize] = std::array::from_fn(|k| f64::from(sights[at + k]));
-            m.translation += s[0];
-            m.rotation += s[1];
-            m.potential += s[2];
-            m.elastic_normal += s[3];
-            m.elastic_tangential += s[4];
-            twice += s[5];
-            m.surface_contacts += s[6] as u64;
-            m.overlap = m.overlap.max(s[7]);
-            m.speed = m.speed.max(s[8].sqrt());
+    /// What was seen of a world.
+    fn moment(&self, w: usize, seen: &[f32]) -> Moment {
+        let of = |q: u32| {
+            let at = (w * self.signature.sights() as usize + q as usize) * 2;
+            f64::from(seen[at]) + f64::from(seen[at + 1])
+        };
+        let contacts = (0.5 * of(5)).round() as u64;
+        let tensors = self.signature.sample.then(|| {
+            let inside = std::array::from_fn(|q| of(SIGHTS + q as u32));
+            tensors(&inside, self.counts[w] as u64, contacts)
+        });
+        Moment {
+            translation: of(0),
+            rotation: of(1),
+            potential: of(2),
+            elastic_normal: of(3),
+            elastic_tangential: of(4),
+            contacts,
+            surface_contacts: of(6) as u64,
+            overlap: of(sums::OVERLAP),
+            speed: of(sums::SPEED).sqrt(),
+            tensors,
         }
-        m.contacts = (0.5 * twice).round() as u64;
-        m.tensors = self.signature.sample.then(|| tensors(&inside, self.counts[w] as u64, m.contacts));
-        m
     }
 
     fn sum<R: Runtime>(&self, device: &Device<R>, n: u32, input: &Buffer, out: &Buffer) {
@@ -1294,11 +1324,10 @@ impl Group {
     }
 
     /// Whether any world rebuilds, or stopped.
-    fn rebuilding<R: Runtime>(&mut self, device: &Device<R>) -> bool {
-        let flags = self.fetch(device);
+    fn rebuilding(&self, report: &Report) -> bool {
         (0..self.worlds.len()).any(|w| {
             self.state_word(w, status::REBUILDING) == 1
-                || flags[w * flag::WORDS as usize + flag::HALT as usize] != halt::NO
+                || report.flags[w * flag::WORDS as usize + flag::HALT as usize] != halt::NO
         })
     }
 
@@ -1655,12 +1684,21 @@ fn spring(history: &[f32]) -> [f32; 4] {
     std::array::from_fn(|k| history.get(k).copied().unwrap_or_default())
 }
 
-fn widen(rooms: &mut [Rooms], (w, [lists, rows, facets]): Lack) {
-    let grown = |room: u32, need: u32| if need > room { need + need / 4 } else { room };
-    let r = &mut rooms[w];
-    r.lists = grown(r.lists, lists).next_multiple_of(BLOCK);
-    r.rows = grown(r.rows, rows).next_multiple_of(BLOCK);
-    r.facets = grown(r.facets, facets);
+/// Widens the rooms of a world that lacks some, and those of the others in proportion to their particles: what one world
+/// comes to need the others of a study will soon need too, and taking memory is slow.
+fn widen(rooms: &mut [Rooms], counts: &[usize], (w, need): Lack) {
+    let held = rooms[w];
+    let each = |need: u32, held: u32| (need > held).then(|| 1.25 * f64::from(need) / counts[w].max(1) as f64);
+    let [lists, rows, facets] =
+        [each(need[0], held.lists), each(need[1], held.rows), each(need[2], held.facets)];
+    for (r, &count) in rooms.iter_mut().zip(counts) {
+        let grown = |room: u32, each: Option<f64>| {
+            each.map_or(room, |each| room.max((each * count.max(1) as f64).ceil() as u32))
+        };
+        r.lists = grown(r.lists, lists).next_multiple_of(BLOCK);
+        r.rows = grown(r.rows, rows).next_multiple_of(BLOCK);
+        r.facets = grown(r.facets, facets);
+    }
 }
 
 impl State {

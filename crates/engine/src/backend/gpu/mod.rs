@@ -25,6 +25,7 @@ mod round;
 mod rows;
 mod scan;
 mod step;
+mod sums;
 mod surfaces;
 mod tables;
 
