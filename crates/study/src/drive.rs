@@ -217,6 +217,7 @@ impl Drive {
         // If the backend failed, the next step tells of it.
         if bed.stages == stage
             && !failed
+            && (self.folder.is_some() || !waiting.is_empty())
             && let Ok(mut asleep) = self.batch.sound_state(w)
         {
             bed.send_to_sleep(&mut asleep);

@@ -21,6 +21,8 @@ pub struct Subject {
     pub backend: Backend,
     /// Whether its states hold everything that it goes on from, so that a checkpoint changes no bit.
     pub exact_states: bool,
+    /// Whether sums of the ledger do not depend on where jobs end.
+    pub exact_sums: bool,
     /// Whether forces are summed in an order that the reach of its lists does not change.
     pub exact_reach: bool,
     pub bounds: Bounds,
@@ -110,6 +112,7 @@ const SINGLE: Bounds = Bounds {
 pub const CPU: Subject = Subject {
     backend: Backend::Cpu,
     exact_states: true,
+    exact_sums: true,
     exact_reach: true,
     bounds: SINGLE,
     budget: Budget { creep: 1_000_000, at_rest: 10_000, gas: 20_000, tumbling: 500, tumblers: 1500 },
@@ -119,6 +122,7 @@ pub const CPU: Subject = Subject {
 pub const REFERENCE: Subject = Subject {
     backend: Backend::Reference,
     exact_states: false,
+    exact_sums: true,
     exact_reach: true,
     bounds: Bounds {
         force: 0.0,
@@ -178,6 +182,7 @@ const fn on_device(backend: Backend) -> Subject {
     Subject {
         backend,
         exact_states: true,
+        exact_sums: false,
         exact_reach: false,
         bounds: Bounds { turn: 2e-4, ..SINGLE },
         budget: Budget { creep: 20_000, at_rest: 1_000, gas: 4_000, tumbling: 100, tumblers: 300 },

@@ -32,6 +32,9 @@ const STRETCH: u64 = 1024;
 /// Stretches of so few steps are attended: lists are rebuilt only when they have to be.
 const ATTENDED: u64 = 16;
 
+/// Worlds from which on their lists end at all times.
+const CROWD: usize = 4;
+
 /// Worlds on a device.
 pub struct GpuFleet<R: Runtime> {
     device: Device<R>,
@@ -60,6 +63,8 @@ struct Group {
     launches: u32,
     /// Most surfaces of a world whose forces are kept.
     names: u32,
+    /// Whether a surface is present in the stretch under way.
+    follows: bool,
     b: Buffers,
     times: PhaseTimes,
 }
@@ -137,7 +142,8 @@ impl<R: Runtime> GpuFleet<R> {
         let groups = groups
             .into_iter()
             .map(|(signature, mut worlds)| {
-                let rooms = worlds.iter().map(|(c, s)| first_rooms(c, s.particles.len())).collect();
+                let of = worlds.len();
+                let rooms = worlds.iter().map(|(c, s)| first_rooms(c, s.particles.len(), of)).collect();
                 Group::new(&device, signature, &mut worlds, rooms)
             })
             .collect();
@@ -150,7 +156,7 @@ impl<R: Runtime> GpuFleet<R> {
         // The same memory, however sums are rounded.
         let (groups, _) = grouped(worlds.iter(), |c| c, true);
         let needs = groups.into_iter().map(|(signature, worlds)| {
-            let rooms: Vec<Rooms> = worlds.iter().map(|c| first_rooms(c, c.count)).collect();
+            let rooms: Vec<Rooms> = worlds.iter().map(|c| first_rooms(c, c.count, worlds.len())).collect();
             let counted: Vec<_> = worlds.iter().map(|c| ((*c).clone(), c.count)).collect();
             let group = Group::allocate(&device, signature, &counted, &rooms);
             let b = group.b.all();
@@ -216,11 +222,13 @@ pub fn most_blocks(count: usize) -> usize {
 }
 
 /// A guess at what a world needs room for; a rebuild that needs more is repeated with more.
-fn first_rooms(c: &Constants, count: usize) -> Rooms {
+fn first_rooms(c: &Constants, count: usize, worlds: usize) -> Rooms {
     let n = count.max(1) as u32;
+    // Soft grains that fall on each other come to need more than grains at rest. To take more is slow for many worlds.
+    let listed = if worlds < CROWD { 16 } else { 20 };
     let surfaces = !c.boundaries.is_empty();
     Rooms {
-        lists: 16 * n.next_multiple_of(BLOCK),
+        lists: listed * n.next_multiple_of(BLOCK),
         rows: if surfaces { n.min(4096 + n / 8).next_multiple_of(BLOCK) } else { BLOCK },
         facets: if surfaces { 4 * n.min(4096 + n / 8) } else { 1 },
     }
@@ -372,6 +380,27 @@ impl Buffers {
     }
 }
 
+/// Where particles stand in the order of storage.
+struct Places(Vec<(u32, u32)>);
+
+impl Places {
+    fn of(ids: &[u32]) -> Self {
+        let mut places: Vec<(u32, u32)> = ids.iter().zip(0..).map(|(id, i)| (*id, i)).collect();
+        places.sort_unstable();
+        Self(places)
+    }
+
+    fn get(&self, id: u32) -> Option<usize> {
+        // Numbers have few gaps: most particles stand where theirs says.
+        let guess = (id as usize).min(self.0.len().saturating_sub(1));
+        let at = match self.0.get(guess)?.0 == id {
+            true => guess,
+            false => self.0.binary_search_by_key(&id, |(id, _)| *id).ok()?,
+        };
+        Some(self.0[at].1 as usize)
+    }
+}
+
 /// What the host reads of a stretch.
 struct Report {
     flags: Vec<u32>,
@@ -517,6 +546,7 @@ impl Group {
             series_at: vec![0; worlds.len()],
             launches: PERIOD,
             names: names as u32,
+            follows: false,
             b,
             times: PhaseTimes::default(),
         }
@@ -575,45 +605,40 @@ impl Group {
             .flat_map(|i| [p.acceleration[i], p.angular[i], p.force[i]].map(|x| [x[0], x[1], x[2], 0.0]))
             .collect();
         device.write(&self.b.slow, 3 * first, &slow);
-        let at: HashMap<u32, usize> = p.id.iter().enumerate().map(|(i, id)| (*id, i)).collect();
-        self.put_contacts(device, w, state, &at);
-        self.put_surface_contacts(device, w, state, &at);
+        let places = Places::of(&p.id);
+        self.put_contacts(device, w, state, &places);
+        self.put_surface_contacts(device, w, state, &places);
     }
 
     /// What pairs remember, as lists of touching neighbours that the first rebuild takes over.
-    fn put_contacts<R: Runtime>(
-        &self,
-        device: &Device<R>,
-        w: usize,
-        state: &State,
-        at: &HashMap<u32, usize>,
-    ) {
+    fn put_contacts<R: Runtime>(&self, device: &Device<R>, w: usize, state: &State, places: &Places) {
         let region = &self.regions[w];
         let n = state.particles.len();
-        let mut lists: Vec<Vec<(u32, [f32; 4])>> = vec![Vec::new(); n];
-        for m in &state.contacts {
-            let (Some(&a), Some(&b)) = (at.get(&m.id[0]), at.get(&m.id[1])) else { continue };
-            let h = spring(&m.history);
-            lists[a].push((TOUCHING | (region.first + b as u32), h));
-            lists[b].push((TOUCHING | SECOND | (region.first + a as u32), h));
+        let pairs: Vec<[usize; 2]> =
+            state.contacts.iter().map(|m| m.id.map(|id| places.get(id).unwrap_or(usize::MAX))).collect();
+        let known = || pairs.iter().zip(&state.contacts).filter(|(pair, _)| !pair.contains(&usize::MAX));
+        let mut counts = vec![0_u32; n];
+        for (pair, _) in known() {
+            pair.iter().for_each(|&i| counts[i] += 1);
         }
         let slices = (region.blocks * BLOCK / SLICE) as usize;
-        let (mut counts, mut offsets) = (vec![0_u32; n], vec![0_u32; slices]);
-        let (mut entries, mut history) = (Vec::new(), Vec::new());
-        for slice in 0..slices {
-            offsets[slice] = region.begins[0] + entries.len() as u32;
-            let members = slice * SLICE as usize..((slice + 1) * SLICE as usize).min(n);
-            let width = members.clone().map(|i| lists[i].len()).max().unwrap_or(0);
-            let begin = entries.len();
-            entries.resize(begin + width * SLICE as usize, 0);
-            history.resize(begin + width * SLICE as usize, [0.0_f32; 4]);
-            for i in members {
-                counts[i] = lists[i].len() as u32;
-                for (k, (entry, h)) in lists[i].iter().enumerate() {
-                    let to = begin + k * SLICE as usize + i % SLICE as usize;
-                    entries[to] = *entry;
-                    history[to] = *h;
-                }
+        let mut offsets = vec![region.begins[0]; slices];
+        let mut used = 0;
+        for (offset, members) in offsets.iter_mut().zip(counts.chunks(SLICE as usize)) {
+            *offset += used;
+            used += members.iter().max().unwrap_or(&0) * SLICE;
+        }
+        offsets[n.div_ceil(SLICE as usize)..].fill(region.begins[0] + used);
+        let (mut entries, mut history) = (vec![0_u32; used as usize], vec![[0.0_f32; 4]; used as usize]);
+        let mut filled = vec![0_u32; n];
+        for (&[a, b], m) in known() {
+            let h = spring(&m.history);
+            for (i, entry) in [(a, region.first + b as u32), (b, SECOND | (region.first + a as u32))] {
+                let from = offsets[i / SLICE as usize] - region.begins[0] + i as u32 % SLICE;
+                let to = (from + filled[i] * SLICE) as usize;
+                entries[to] = TOUCHING | entry;
+                history[to] = h;
+                filled[i] += 1;
             }
         }
         entries.truncate(region.rooms.lists as usize);
@@ -624,20 +649,14 @@ impl Group {
         device.write(&self.b.hist, region.begins[0] as usize, &history);
     }
 
-    fn put_surface_contacts<R: Runtime>(
-        &self,
-        device: &Device<R>,
-        w: usize,
-        state: &State,
-        at: &HashMap<u32, usize>,
-    ) {
+    fn put_surface_contacts<R: Runtime>(&self, device: &Device<R>, w: usize, state: &State, places: &Places) {
         let region = &self.regions[w];
         let n = state.particles.len();
         let mut row_of = vec![NONE; n];
         let (mut counts, mut memory) = (Vec::new(), Vec::<[f32; 4]>::new());
         // What does not fit goes with an attempt that fails: the lists to be made have no less in them.
         for same in state.surface_contacts.chunk_by(|a, b| a.id == b.id) {
-            let Some(&i) = at.get(&same[0].id) else { continue };
+            let Some(i) = places.get(same[0].id) else { continue };
             if counts.len() as u32 == region.rooms.rows {
                 break;
             }
@@ -815,7 +834,7 @@ impl Group {
         let began = Instant::now();
         self.govern(device, jobs, left);
         let mut asked: Vec<Option<(&Progress, u64, bool)>> = vec![None; self.worlds.len()];
-        let mut longest = 0;
+        let (mut longest, mut follows) = (0, false);
         for w in 0..self.worlds.len() {
             self.set_state(w, status::BASE, 0);
             self.set_state(w, status::TARGET, 0);
@@ -831,7 +850,9 @@ impl Group {
             self.states[*w * status::WORDS as usize + status::TARGET as usize] = steps as u32;
             longest = longest.max(steps);
             asked[*w] = Some((&*job.progress, steps, false));
+            follows |= job.progress.surfaces.iter().any(|s| s.present);
         }
+        self.follows = follows;
         let astray = self.prepare(device, &asked);
         if !astray.is_empty() {
             for ((w, job), left) in
@@ -904,9 +925,11 @@ impl Group {
         }
         let rebuilds =
             (0..self.worlds.len()).map(|w| self.state_word(w, status::REBUILDS)).max().unwrap_or(0);
-        // About as many launches as steps between rebuilds: it decides how much is done in vain, never what
-        // comes out.
-        self.launches = (longest as u32).checked_div(rebuilds).unwrap_or(PERIOD).clamp(8, PERIOD);
+        // How long groups are decides how much is done in vain, never what comes out. They end where the lists of one
+        // world do. Of many, whose lists end at all times, each waits half a group for new ones, but short groups end in
+        // rebuilds that few of them need.
+        let lasts = (longest as u32).checked_div(rebuilds).unwrap_or(PERIOD).min(PERIOD);
+        self.launches = if jobs.len() < CROWD { lasts.max(8) } else { (3 * lasts.isqrt()).max(4) };
         self.finish(device, jobs, left, &report, split);
         self.times.device += began.elapsed().as_secs_f64();
     }
@@ -1009,7 +1032,11 @@ impl Group {
             state.progress.primed = false;
         }
         let needs = Self::needs(flags).unwrap_or_default();
-        let needs: Vec<Lack> = needs.into_iter().filter(|(k, _)| *k == w).collect();
+        // Another world's need may have been met with its own meanwhile.
+        let held = self.regions[w].rooms;
+        let lacks =
+            |[lists, rows, facets]: [u32; 3]| lists > held.lists || rows > held.rows || facets > held.facets;
+        let needs: Vec<Lack> = needs.into_iter().filter(|(k, need)| *k == w && lacks(*need)).collect();
         if needs.is_empty() {
             self.put(device, w, &state);
             if let Some(needs) = self.relist(device, &mut [(w, &mut state)]) {
@@ -1111,7 +1138,7 @@ impl Group {
             }
         }
         self.launch_step(device, k, Purpose::Step, &b.sums);
-        if self.worlds.iter().any(|c| !c.spec.surfaces.is_empty()) {
+        if self.follows {
             // SAFETY: as above.
             #[allow(unsafe_code)]
             unsafe {
@@ -1688,7 +1715,8 @@ fn spring(history: &[f32]) -> [f32; 4] {
 /// comes to need the others of a study will soon need too, and taking memory is slow.
 fn widen(rooms: &mut [Rooms], counts: &[usize], (w, need): Lack) {
     let held = rooms[w];
-    let each = |need: u32, held: u32| (need > held).then(|| 1.25 * f64::from(need) / counts[w].max(1) as f64);
+    let more = if counts.len() < CROWD { 1.25 } else { 1.5 };
+    let each = |need: u32, held: u32| (need > held).then(|| more * f64::from(need) / counts[w].max(1) as f64);
     let [lists, rows, facets] =
         [each(need[0], held.lists), each(need[1], held.rows), each(need[2], held.facets)];
     for (r, &count) in rooms.iter_mut().zip(counts) {

@@ -1086,22 +1086,24 @@ pub fn collect(
             }
             sync_cube();
         }
-        if UNIT_POS == 0u32 {
-            let bound0 = worlds[(c + world::BOUNDARIES) as usize];
-            let skin = float_at(states, st + status::SKIN);
-            let rebuilt = states[(st + status::REBUILT) as usize];
-            for b in 0..worlds[(c + world::BOUNDARY_COUNT) as usize] {
-                let bt = (bound0 + b) * boundary::WORDS;
-                let stride = bounds[(bt + boundary::STRIDE) as usize];
-                let at = bounds[(bt + boundary::POSE) as usize] + pose::PATH;
+        let mut b = UNIT_POS;
+        while b < worlds[(c + world::BOUNDARY_COUNT) as usize] {
+            let bt = (worlds[(c + world::BOUNDARIES) as usize] + b) * boundary::WORDS;
+            let stride = bounds[(bt + boundary::STRIDE) as usize];
+            let pose0 = bounds[(bt + boundary::POSE) as usize];
+            if poses[(pose0 + pose::PRESENT) as usize] == 1u32 {
+                let at = pose0 + pose::PATH;
                 // Without a rebuild in this job paths count from the last one before it.
+                let rebuilt = states[(st + status::REBUILT) as usize];
                 let known = rebuilt != NONE;
                 let since = select(known, poses[(at + select(known, rebuilt, 0u32) * stride) as usize], 0u32);
                 let moved = gone(since, poses[(at + (t + 1u32) * stride) as usize]);
+                let skin = float_at(states, st + status::SKIN);
                 if moved * float_at(worlds, c + world::RADIUS_MEAN) > 0.5f32 * skin {
                     flags[(w * flag::WORDS + flag::STALE) as usize].fetch_min(k);
                 }
             }
+            b += BLOCK;
         }
     }
 }
