@@ -57,6 +57,13 @@ fn a_tiny_bed_gives_rates_as_json_and_is_kept() {
     assert_eq!(serde_json::from_slice::<Value>(&std::fs::read(&file).unwrap()).unwrap(), result);
     assert!(result["cost_exponent"]["settled"]["mono"].is_number());
 
+    // Several worlds of a bed, the first as it was.
+    let together =
+        measured(folder.path(), &["--sizes", "300", "--beds", "mono", "--flowing", "none", "--worlds", "3"]);
+    let bed = &together["beds"][0];
+    assert_eq!((&bed["worlds"], &bed["lost"], &bed["bed_from_cache"]), (&json!(3), &json!(0), &json!(true)));
+    assert!(number(&bed["particle_steps_per_second"]["median"]) > 0.0);
+
     let settled = ["--sizes", "300", "--beds", "poly", "--flowing", "none", "--steps", "10"];
     let written = folder.path().join("written");
     std::fs::create_dir(&written).unwrap();

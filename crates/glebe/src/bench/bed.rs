@@ -210,8 +210,9 @@ impl Bed {
         Ok(world)
     }
 
-    /// Constants of the prepared bed's world. They depend on radii and not on places, which are the state's.
-    pub fn constants(&self, steps: u64, ledger: bool) -> Result<Arc<Constants>, BenchError> {
+    /// Constants of the prepared bed's world, with friction less by the share `smoother`. They depend on radii and not
+    /// on places, which are the state's.
+    pub fn constants(&self, steps: u64, ledger: bool, smoother: f64) -> Result<Arc<Constants>, BenchError> {
         let radii = self.radii()?;
         let inside = match self.mode {
             Mode::Settled => [0.5 * Self::width(&radii); 3],
@@ -221,7 +222,9 @@ impl Bed {
                 [0, 1, 2].map(|k| 0.5 * (cloud.min[k] + cloud.max[k]))
             }
         };
-        Ok(prepare(self.world(&radii, |_| inside, steps, ledger)?)?.0)
+        let mut world = self.world(&radii, |_| inside, steps, ledger)?;
+        world.materials[0].friction *= 1.0 - smoother;
+        Ok(prepare(world)?.0)
     }
 
     /// The bed, prepared: from the folder `cache` if it is there, whatever made it, else made, and kept there.
@@ -266,7 +269,7 @@ impl Bed {
     /// Writes the prepared bed as `<bed>-<mode>-<particles>.csv`: a row of place \[m\], radius \[m\] and velocity
     /// \[m/s\] per particle, in the order of their numbers.
     pub fn write(&self, prepared: &Prepared, folder: &Path) -> Result<(), BenchError> {
-        let constants = self.constants(1, false)?;
+        let constants = self.constants(1, false, 0.0)?;
         let particles = &prepared.state.particles;
         let mut rows: Vec<_> = positions(&constants, &prepared.state)
             .into_iter()

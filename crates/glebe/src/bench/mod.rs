@@ -43,6 +43,7 @@ Examples:
   glebe bench --device gpu --sizes 100k,1M --flowing none
   glebe bench --sizes 50k --beds mono,1:3,1:10 --flowing none
   glebe bench --sizes none --tools sweep,fine-sweep,rotor
+  glebe bench --sizes none --tools sweep --worlds 60
   glebe bench --sizes 10k,100k,1M --repeat 5 --out bench.json
 
 Settled beds are dense, random, in an open-topped box. A flowing bed has the same spheres in a
@@ -51,7 +52,8 @@ Tools are met in soil (R = 7 to 10 mm, the box and sweep of the main job, 0.7 m/
 Froude number of 0.1, among mono spheres; boxes and tools shrink and grow with their beds.
 
 Columns of the table:
-  rate        particle-steps a second, median of the repeats
+  particles   of a world
+  rate        particle-steps a second of all worlds, median of the repeats
   best        largest rate of the repeats
   spread      largest less smallest rate, over the median
   steps/list  steps from one rebuild of the neighbour lists to the next
@@ -63,7 +65,7 @@ Columns of the table:
   bytes/p     memory per particle
   first       seconds from the bed's state to the end of its first step: on a device with what its
               kernels take to be compiled, unless a bed above had the same
-  lists ...   shares of the phases of a step in the wall time
+  lists ...   shares of the phases of a step in the wall time; on the CPU those of the first world
 
 The first run of a size prepares its beds: minutes for 10k, half an hour for 50k on two cores.
 Later runs find them in the cache.")]
@@ -89,6 +91,9 @@ pub struct BenchArgs {
     /// Numbers of particles in the beds of tools
     #[arg(long, value_name = "N,…", value_delimiter = ',', default_value = "38912", value_parser = count)]
     pub tool_sizes: Vec<usize>,
+    /// Worlds that begin with each bed and run together; their friction differs by up to a tenth
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub worlds: u32,
     /// Steps timed in each repeat
     #[arg(long, value_name = "N", default_value_t = 2000, value_parser = clap::value_parser!(u64).range(1..))]
     pub steps: u64,
@@ -231,7 +236,7 @@ fn measure(args: &BenchArgs, backend: Backend, ui: &Ui) -> Result<Vec<Row>, Benc
             if let Some(folder) = &args.write_beds {
                 bed.write(&ready, folder)?;
             }
-            prepared.push((Row::new(bed, &ready, args.steps), ready));
+            prepared.push((Row::new(bed, args.worlds as usize, &ready, args.steps), ready));
         }
         for repeat in 1..=args.repeat {
             for (row, ready) in &mut prepared {

@@ -30,6 +30,7 @@ pub fn json(rows: &[Row], args: &BenchArgs, device: &str) -> Result<Value, Bench
             "bed": r.bed.kind.name(),
             "mode": r.bed.mode.name(),
             "particles": r.bed.count,
+            "worlds": r.worlds,
             "lost": r.lost,
             "radii_m": r.bed.kind.radii(),
             "grading": r.bed.kind.grading(),
@@ -111,8 +112,14 @@ pub fn table(rows: &[Row], args: &BenchArgs, device: &str) -> String {
     let ledger = if args.ledger { "with" } else { "without" };
     line(format_args!(
         "{} steps, {} times, {ledger} energy ledger, a sample every {SAMPLE_STEPS} steps; rates in million \
-         particle-steps/s",
-        args.steps, args.repeat
+         particle-steps/s{}",
+        args.steps,
+        args.repeat,
+        if args.worlds > 1 {
+            format!("; {} worlds of each bed together", args.worlds)
+        } else {
+            String::new()
+        }
     ));
     let mut head = format!(
         "{:<5} {:<10} {:>9} {:>7} {:>7} {:>7} {:>10} {:>8} {:>10} {:>7} {:>10} {:>7} {:>6}",

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Blind, Status};
+use rayon::prelude::*;
 
 use super::BenchError;
 use super::bed::{Bed, Prepared};
@@ -14,10 +15,15 @@ const FIRST: usize = 0;
 const WARM: usize = 1;
 const TIMED: usize = 2;
 
-/// What was measured on one bed.
+/// Share by which friction in the worlds of a batch differs at most.
+const SMOOTHER: f64 = 0.1;
+
+/// What was measured on one bed, or on several worlds of it together.
 pub struct Row {
     /// The bed.
     pub bed: Bed,
+    /// Worlds that began with it.
+    pub worlds: usize,
     /// Whether it came prepared from the cache.
     pub cached: bool,
     /// Steps in which it was prepared.
@@ -33,13 +39,13 @@ pub struct Row {
     pub first_step: f64,
     /// Steps of one repeat.
     pub steps: u64,
-    /// Rebuilds of neighbour lists in them.
+    /// Rebuilds of neighbour lists in them, of all worlds.
     pub rebuilds: u64,
-    /// Contacts of a particle at the end, each pair counted at both.
+    /// Contacts of a particle at the end, in the first world as all that follows, each pair counted at both.
     pub coordination: f64,
     /// Contacts that a step evaluates for each particle, at the end: each pair counts once.
     pub contacts: f64,
-    /// Particles that have left the bed since it was made.
+    /// Particles that have left the beds since they were made.
     pub lost: usize,
     /// Memory that the engine counts per particle.
     pub bytes_per_particle: f64,
@@ -47,9 +53,10 @@ pub struct Row {
 
 impl Row {
     /// Nothing measured yet.
-    pub fn new(bed: Bed, prepared: &Prepared, steps: u64) -> Self {
+    pub fn new(bed: Bed, worlds: usize, prepared: &Prepared, steps: u64) -> Self {
         Self {
             bed,
+            worlds,
             cached: prepared.cached,
             prepare_steps: prepared.state.progress.step,
             rates: Vec::new(),
@@ -98,7 +105,7 @@ impl Row {
 
     /// Steps from one rebuild to the next, if there was one.
     pub fn steps_per_rebuild(&self) -> Option<f64> {
-        (self.rebuilds > 0).then(|| self.steps as f64 / self.rebuilds as f64)
+        (self.rebuilds > 0).then(|| self.steps as f64 * self.worlds as f64 / self.rebuilds as f64)
     }
 
     /// Wall time of a step over the contacts that it evaluates \[s\].
@@ -106,38 +113,46 @@ impl Row {
         1.0 / (self.median() * self.contacts)
     }
 
-    /// Times the bed once more, from the same state as ever.
+    /// Times the bed once more, from the same state as ever. Worlds of a batch differ in friction, so that each goes its
+    /// own way.
     pub fn time(&mut self, prepared: &Prepared, ledger: bool, backend: Backend) -> Result<(), BenchError> {
-        let constants = self.bed.constants(self.steps, ledger)?;
-        admit(backend, std::slice::from_ref(&constants))?;
+        let smoother = |world: usize| SMOOTHER * world as f64 / self.worlds as f64;
+        let constants: Vec<_> = (0..self.worlds)
+            .into_par_iter()
+            .map(|world| self.bed.constants(self.steps, ledger, smoother(world)))
+            .collect::<Result<_, _>>()?;
+        admit(backend, &constants)?;
         let began = Instant::now();
-        let mut batch = Batch::from_states(vec![(constants, prepared.state.clone())], backend);
+        let worlds = constants.into_iter().map(|c| (c, prepared.state.clone())).collect();
+        let mut batch = Batch::from_states(worlds, backend);
         let stage = self.bed.preparing();
         through(&mut batch, stage + FIRST);
         if self.rates.is_empty() {
             self.first_step = began.elapsed().as_secs_f64();
         }
         through(&mut batch, stage + WARM);
-        let (rebuilds, phases) = (batch.progress(0).rebuilds, batch.times(0).rows());
+        let rebuilt = |batch: &Batch| (0..batch.len()).map(|w| batch.progress(w).rebuilds).sum::<u64>();
+        let (rebuilds, phases) = (rebuilt(&batch), batch.times(0).rows());
         let began = Instant::now();
         through(&mut batch, stage + TIMED);
         let seconds = began.elapsed().as_secs_f64();
-        if *batch.status(0) != Status::Done {
-            return Err(BenchError::Stopped { bed: self.bed, status: batch.status(0).clone() });
+        if let Some(w) = (0..batch.len()).find(|w| *batch.status(*w) != Status::Done) {
+            return Err(BenchError::Stopped { bed: self.bed, status: batch.status(w).clone() });
         }
-        let particles = batch.particles(0);
+        let all: usize = (0..batch.len()).map(|w| batch.particles(w)).sum();
         self.wall += seconds;
-        self.rates.push(particles as f64 * self.steps as f64 / seconds);
+        self.rates.push(all as f64 * self.steps as f64 / seconds);
         self.phases.resize(phases.len(), ("", 0.0));
         for (sum, (before, now)) in self.phases.iter_mut().zip(phases.iter().zip(batch.times(0).rows())) {
             *sum = (now.0, sum.1 + now.1 - before.1);
         }
-        self.rebuilds = batch.progress(0).rebuilds - rebuilds;
+        self.rebuilds = rebuilt(&batch) - rebuilds;
+        let particles = batch.particles(0);
         let moment = batch.moment(0);
         let each = |contacts: u64| contacts as f64 / particles.max(1) as f64;
         self.coordination = each(2 * moment.contacts + moment.surface_contacts);
         self.contacts = each(moment.contacts + moment.surface_contacts);
-        self.lost = batch.progress(0).lost.len();
+        self.lost = (0..batch.len()).map(|w| batch.progress(w).lost.len()).sum();
         self.bytes_per_particle = batch.bytes_per_particle(0);
         Ok(())
     }
@@ -149,9 +164,9 @@ fn median(mut values: Vec<f64>) -> f64 {
     0.5 * (values[(n - 1) / 2] + values[n / 2])
 }
 
-/// To the end of a stage.
+/// To the end of a stage of all worlds, which take it step for step together.
 fn through(batch: &mut Batch, stage: usize) {
-    while batch.running() && batch.progress(0).stage <= stage {
+    while batch.running() && (0..batch.len()).any(|w| batch.progress(w).stage <= stage) {
         let Ok(()) = batch.advance(&mut Blind);
     }
 }
