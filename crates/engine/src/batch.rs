@@ -17,7 +17,8 @@ use crate::state::{Ledger, MeasureState, Progress, StageResult, State, draught};
 /// Steps after which a stage that waits for a low kinetic energy may end though it was never above it.
 const PATIENCE: u64 = 100;
 
-/// Kinetic energy as a share of the elastic one below which a sample has reached its stress.
+/// Kinetic energy of translation as a share of the elastic one below which a sample has reached its stress. Grains that
+/// nothing touches spin on for ever, and carry nothing.
 const CALM: f64 = 1e-3;
 
 /// How a world stands.
@@ -530,7 +531,7 @@ impl World {
         if let (Some(share), Some(deformation), Some(tensors)) =
             (until.stress_within, &stage.deformation, &moment.tensors)
         {
-            let calm = kinetic < CALM * (moment.elastic_normal + moment.elastic_tangential);
+            let calm = moment.translation < CALM * (moment.elastic_normal + moment.elastic_tangential);
             let (cell, _) = self.constants.cell(&self.progress);
             if calm && off_target(deformation, tensors, &cell) <= share {
                 return Some("stress");

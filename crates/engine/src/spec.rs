@@ -391,7 +391,7 @@ pub struct Until {
     /// steps have passed.
     pub kinetic_energy_below: Option<f64>,
     /// Every stress that a servo goes for is reached to within this share of the largest of them, and the kinetic
-    /// energy is less than a thousandth of the elastic one.
+    /// energy of translation is less than a thousandth of the elastic one.
     pub stress_within: Option<f64>,
     /// After this time in the stage \[s\]; for a stage that waits for energy or stress, the most it may take.
     pub at_most: Option<f64>,

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use crate::bytes::BytesError;
 use crate::cell::Cell;
 use crate::lattice::norm;
 use crate::setup::Constants;
@@ -381,6 +382,39 @@ pub struct State {
 }
 
 impl State {
+    /// The particles of this sample with their contacts at the beginning of another world, which was prepared with the
+    /// same particles as `fresh`: masses are those of the other world, the cell keeps its shape, and clock, strain and
+    /// accounts begin anew.
+    ///
+    /// # Errors
+    /// [`BytesError::OtherWorld`] if the other world's particles, windows or laws are not these.
+    pub fn begin_anew(&self, c: &Constants, fresh: &Self) -> Result<Self, BytesError> {
+        let mut inverse_mass = vec![f32::NAN; self.particles.len().max(fresh.particles.len())];
+        for (id, velocity) in fresh.particles.id.iter().zip(&fresh.particles.velocity) {
+            if let Some(place) = inverse_mass.get_mut(*id as usize) {
+                *place = velocity.inv_mass;
+            }
+        }
+        let mut state = Self {
+            particles: self.particles.clone(),
+            contacts: self.contacts.clone(),
+            surface_contacts: Vec::new(),
+            progress: fresh.progress.clone(),
+        };
+        for (id, velocity) in state.particles.id.iter().zip(&mut state.particles.velocity) {
+            velocity.inv_mass = inverse_mass.get(*id as usize).copied().unwrap_or(f32::NAN);
+        }
+        if let (Some(cell), Some(shaped)) = (&mut state.progress.cell, &self.progress.cell) {
+            *cell = Cell::new(shaped.matrix);
+            cell.begin(c.spec.stages.first().and_then(|stage| stage.deformation.as_ref()));
+        }
+        state.progress.stale = true;
+        // Accelerations are those of other materials.
+        state.progress.primed = false;
+        state.belongs_to(c)?;
+        Ok(state)
+    }
+
     /// A digest of the complete state over particles sorted by number: equal runs have equal hashes.
     pub fn hash(&self) -> String {
         let mut h = Sha256::new();

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::axis::Ruler;
-use crate::plot::{Mark, Plot, Series, Style, Window, caption};
+use crate::plot::{Band, Mark, Plot, Series, Style, Window, caption};
 use crate::svg::{Anchor, Document, SOFT, width_of};
 
 /// Where the rectangle begins, and how wide it is \[pixels\].
@@ -112,6 +112,14 @@ impl Frame {
                 svg.text(x, top + 6.0, Anchor::End, &turned, label);
             }
         }
+    }
+
+    pub(crate) fn draw_band(&self, svg: &mut Document, band: &Band, colour: &str) {
+        let points = |y: &[f64]| -> Vec<(f64, f64)> {
+            band.x.iter().zip(y).filter_map(|(&x, &y)| self.x_at(x).zip(self.y_at(y))).collect()
+        };
+        let around = points(band.low).into_iter().chain(points(band.high).into_iter().rev());
+        svg.area(&path(&around.map(Some).collect::<Vec<_>>()), colour);
     }
 
     /// Draws the points that can be shown; whether there was one.

@@ -10,9 +10,11 @@ mod frame;
 mod furrow;
 mod plot;
 mod plots;
+mod rose;
 mod svg;
 
 pub use axis::{Axis, Scale};
 pub use furrow::{FurrowView, Profile, furrow_profile};
-pub use plot::{Mark, Plot, Series, Style, Window};
+pub use plot::{Band, Mark, Plot, Series, Style, Window};
 pub use plots::{Draught, draught_force, energies};
+pub use rose::rose;

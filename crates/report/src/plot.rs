@@ -42,6 +42,19 @@ pub struct Series<'a> {
     pub style: Style,
 }
 
+/// A shaded band between two curves, in the colour of a series.
+#[derive(Clone, Debug)]
+pub struct Band<'a> {
+    /// Number of the series.
+    pub of: usize,
+    /// Abscissae.
+    pub x: &'a [f64],
+    /// Lower ordinates.
+    pub low: &'a [f64],
+    /// Upper ordinates.
+    pub high: &'a [f64],
+}
+
 /// A labelled vertical line.
 #[derive(Clone, Debug)]
 pub struct Mark<'a> {
@@ -73,6 +86,8 @@ pub struct Plot<'a> {
     pub y: Axis,
     /// The curves.
     pub series: Vec<Series<'a>>,
+    /// Bands around them.
+    pub bands: Vec<Band<'a>>,
     /// Vertical lines.
     pub marks: Vec<Mark<'a>>,
     /// Shaded ranges.
@@ -102,6 +117,9 @@ impl Plot<'_> {
         }
         frame.draw_axes(&mut svg, self);
         svg.begin_clipped(LEFT, frame.top, PLOT_WIDTH, frame.bottom - frame.top);
+        for band in &self.bands {
+            frame.draw_band(&mut svg, band, colour(band.of));
+        }
         let mut shown = false;
         for (k, series) in self.series.iter().enumerate() {
             shown |= frame.draw_series(&mut svg, series, colour(k));
@@ -123,10 +141,11 @@ impl Plot<'_> {
         let windows = self.windows.iter().flat_map(|w| w.x);
         let y = self.series.iter().flat_map(|s| s.y.iter().copied());
         let bands = self.windows.iter().filter_map(|w| w.mean_std).flat_map(|[m, s]| [m - s, m + s]);
+        let around = self.bands.iter().flat_map(|b| b.low.iter().chain(b.high).copied());
         let scattered = self.series.iter().any(|s| s.style == Style::Points);
         [
             Ruler::new(&self.x, x.chain(windows), if scattered { 0.03 } else { 0.0 }, PLOT_WIDTH),
-            Ruler::new(&self.y, y.chain(bands), 0.06, HEIGHT),
+            Ruler::new(&self.y, y.chain(bands).chain(around), 0.06, HEIGHT),
         ]
     }
 

@@ -59,6 +59,13 @@ impl Document {
         ));
     }
 
+    /// A shaded area within a path.
+    pub(crate) fn area(&mut self, path: &str, colour: &str) {
+        self.put(format_args!(
+            "<path d=\"{path}Z\" fill=\"{colour}\" fill-opacity=\"0.15\" stroke=\"none\"/>"
+        ));
+    }
+
     /// A point of data.
     pub(crate) fn dot(&mut self, x: f64, y: f64, colour: &str) {
         self.put(format_args!(

@@ -2,7 +2,7 @@
 //!
 //! [`drive`] takes the worlds of a batch through their stages: a single run is a batch of one. It keeps settled
 //! beds, so that worlds which share their first stages settle once. [`sample`] chooses the worlds of a study, [`sweep`]
-//! runs them, [`fit`] draws curves through what they measured.
+//! runs them, [`fit`] draws curves through what they measured. [`rve`] makes, consolidates and loads periodic samples.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -22,7 +22,9 @@
 mod beds;
 mod digest;
 pub mod drive;
+mod ensemble;
 pub mod fit;
+pub mod rve;
 pub mod sample;
 pub mod sweep;
 

@@ -7,117 +7,27 @@ mod plan;
 mod results;
 
 use std::collections::BTreeMap;
+use std::convert::Infallible;
 use std::fs;
-use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use glebe_engine::Constants;
-use glebe_engine::backend::Backend;
-use glebe_engine::batch::{Blind, Status};
+use glebe_engine::batch::Observer;
 use glebe_engine::state::State;
-use glebe_io::checkpoint::{self, CheckpointError, Header};
-use glebe_io::output::{Existing, Journal, OutputDir, OutputError, summary};
+use glebe_io::checkpoint;
+use glebe_io::output::{Journal, OutputDir, summary};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+pub(crate) use self::plan::told_once;
 pub use self::plan::{Facts, Measure, Plan, Planned, reason};
-use self::plan::{Made, make, told_once};
-pub use self::results::{Counts, Fitted, Measured, Summary, WorldSummary};
-use crate::drive::{Drive, Event, Listener, Pulse, doubts};
-
-/// How a sweep is to be done.
-#[derive(Clone, Debug)]
-pub struct Settings {
-    /// The output folder.
-    pub out: PathBuf,
-    /// What computes.
-    pub backend: Backend,
-    /// What is done with results that are there.
-    pub existing: Existing,
-    /// Where settled beds are kept; none to keep none.
-    pub beds: Option<PathBuf>,
-    /// How many batches the worlds are divided into; none for as few as memory allows.
-    pub batches: Option<usize>,
-    /// Memory for worlds \[bytes\], if known.
-    pub memory: Option<u64>,
-    /// Wall time between checkpoints of worlds under way.
-    pub checkpoint_every: Duration,
-    /// The commit that this program was built from, if known.
-    pub commit: Option<String>,
-    /// By which arguments of `--set` the study was changed.
-    pub sets: Vec<String>,
-}
-
-impl Settings {
-    /// A new sweep on the CPU into the folder `out`, without kept beds, as one batch.
-    pub fn new(out: impl Into<PathBuf>) -> Self {
-        Self {
-            out: out.into(),
-            backend: Backend::Cpu,
-            existing: Existing::Refuse,
-            beds: None,
-            batches: None,
-            memory: None,
-            checkpoint_every: Duration::from_secs(600),
-            commit: None,
-            sets: Vec::new(),
-        }
-    }
-}
-
-/// Why a sweep was not done.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum SweepError {
-    /// The output folder cannot be used, or writing failed.
-    #[error(transparent)]
-    Output(#[from] OutputError),
-    /// A checkpoint cannot be written.
-    #[error(transparent)]
-    Checkpoint(#[from] CheckpointError),
-    /// The folder holds another study.
-    #[error(
-        "{path}: these results belong to another study: resume with the study, scene and files that they were \
-         begun with, or start again with --force"
-    )]
-    OtherStudy {
-        /// The journal.
-        path: PathBuf,
-    },
-    /// The folder's worlds were computed elsewhere.
-    #[error(
-        "{path}: these results were begun on `{found}`, and this is `{given}`, which rounds differently: resume with \
-         the same --device, or start again with --force"
-    )]
-    OtherDevice {
-        /// The journal.
-        path: PathBuf,
-        /// Where they were begun.
-        found: String,
-        /// What is to compute now.
-        given: String,
-    },
-}
-
-impl SweepError {
-    /// Whether what was given is at fault, rather than what happened after the start.
-    pub fn is_input(&self) -> bool {
-        match self {
-            Self::Output(e) => e.is_input(),
-            Self::Checkpoint(_) => false,
-            Self::OtherStudy { .. } | Self::OtherDevice { .. } => true,
-        }
-    }
-}
-
-/// The first line of a journal.
-#[derive(Debug, Serialize, Deserialize)]
-struct Head {
-    version: String,
-    study_hash: String,
-    device: String,
-}
+use self::plan::{Made, make};
+pub(crate) use self::results::word;
+pub use self::results::{Counts, Fitted, Measured, Named, Summary, WorldSummary};
+use crate::drive::{Drive, Event, Listener, doubts};
+use crate::ensemble::{self, Follower, Opened, checkpoint_of};
+pub use crate::ensemble::{Settings, StudyError};
 
 /// A world that has ended, as it is journaled.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -160,51 +70,23 @@ impl Row {
 ///
 /// # Errors
 /// A folder that cannot be used, a journal of another study, a full disk.
-pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Result<Summary, SweepError> {
+pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Result<Summary, StudyError> {
     let started = Instant::now();
-    let head = Head {
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        study_hash: plan.digest(),
-        device: settings.backend.maker(),
-    };
+    let hash = plan.digest();
+    let opened = ensemble::open::<Row>(&plan.study, &hash, settings, listener)?;
     let mut warnings = plan.warnings.clone();
+    warnings.extend(opened.warnings);
     let mut rows: BTreeMap<usize, Row> = BTreeMap::new();
-    let vacant = OutputDir::is_vacant(&settings.out)?;
-    let (dir, journal) = if settings.existing == Existing::Resume && !vacant {
-        let dir = OutputDir::open_study(&settings.out)?;
-        let path = dir.journal();
-        let (found, ended, journal) = Journal::resume::<Head, Row>(&path)?;
-        if found.study_hash != head.study_hash {
-            return Err(SweepError::OtherStudy { path });
-        }
-        if found.device != head.device {
-            return Err(SweepError::OtherDevice { path, found: found.device, given: head.device });
-        }
-        if found.version != head.version {
-            let line = format!(
-                "these results were begun by glebe {}; this is {}: worlds may differ in the last digits",
-                found.version, head.version
-            );
-            listener.warn(&line);
-            warnings.push(line);
-        }
+    if let Some(ended) = opened.entries {
         listener.note(&format!("{} of {} worlds have ended already", ended.len(), plan.worlds.len()));
         rows.extend(ended.into_iter().map(|row| (row.world, row)));
-        (dir, journal)
-    } else {
-        let dir = OutputDir::create(&settings.out, settings.existing == Existing::Replace)?;
-        if settings.existing == Existing::Resume {
-            listener.note("nothing was kept before the sweep ended: it begins again");
-        }
-        dir.write_study(&plan.study.text, &settings.sets)?;
-        let journal = Journal::create(&dir.journal(), &head)?;
-        (dir, journal)
-    };
+    }
     for (w, planned) in plan.worlds.iter().enumerate() {
         if let Err(errors) = &planned.fate {
             rows.insert(w, Row::not_run(w, summary::Status::Refused, reason(errors)));
         }
     }
+    let Opened { dir, journal, .. } = opened;
     let mut sweep = Sweep { plan, settings, dir, journal, rows, lost: None, steps: 0, particle_steps: 0.0 };
     let pending: Vec<usize> = (0..plan.worlds.len()).filter(|w| !sweep.rows.contains_key(w)).collect();
     let batches = plan.batches(&pending, settings.batches, settings.memory);
@@ -224,7 +106,7 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
         // Only what is empty goes.
         let _ = fs::remove_dir(sweep.dir.checkpoints());
     }
-    sweep.write(started, warnings, &head.study_hash)
+    sweep.write(started, warnings, &hash)
 }
 
 /// A sweep under way.
@@ -247,7 +129,7 @@ impl Sweep<'_> {
         worlds: &[usize],
         later: u64,
         listener: &mut dyn Listener,
-    ) -> Result<Vec<String>, SweepError> {
+    ) -> Result<Vec<String>, StudyError> {
         let (plan, backend) = (self.plan, self.settings.backend);
         let made: Vec<_> =
             worlds.par_iter().map(|&w| (w, make(&plan.study, &plan.worlds[w].world))).collect();
@@ -269,33 +151,14 @@ impl Sweep<'_> {
                 reused.len()
             ));
         }
-        let mut written = Instant::now();
-        let (mut shared, mut warnings) = (0, Vec::new());
-        while drive.batch().running() && !listener.interrupted() {
-            let Ok(events) = drive.advance(&mut Blind);
-            for event in events {
-                match event {
-                    Event::Ended(k) => self.ended(&drive, k, numbers[k], listener)?,
-                    Event::Reused(..) => shared += 1,
-                    Event::NotKept(_, line) => {
-                        listener.warn(&line);
-                        warnings.push(line);
-                    }
-                    Event::StageEnded(..) => {}
-                }
-            }
-            let (worlds, ended) = (plan.worlds.len(), self.rows.len());
-            listener.pulse(&Pulse { drive: &drive, kinetic: None, worlds, ended, later });
-            if written.elapsed() >= self.settings.checkpoint_every {
-                self.save(&drive, &numbers)?;
-                written = Instant::now();
-            }
-        }
+        let every = self.settings.checkpoint_every;
+        let mut crew = Crew { sweep: self, numbers, shared: 0, warnings: Vec::new() };
+        ensemble::follow(&mut drive, &mut crew, later, every, listener)?;
+        let Crew { numbers, shared, warnings, .. } = crew;
         if shared > 0 {
             let all = numbers.len();
             listener.note(&format!("{shared} of {all} worlds began from the settled bed of another"));
         }
-        self.save(&drive, &numbers)?;
         self.steps += drive.steps();
         self.particle_steps += drive.particle_steps();
         Ok(warnings)
@@ -310,7 +173,7 @@ impl Sweep<'_> {
         if let Some(why) = self.settings.backend.refusal(std::slice::from_ref(&made.constants)) {
             return Err(format!("{why}; run the study with --device cpu"));
         }
-        let saved = checkpoint::kept(&self.checkpoint(w), &made.scene_hash);
+        let saved = checkpoint::kept(&checkpoint_of(&self.dir, w), &made.scene_hash);
         let saved = saved.filter(|state| state.belongs_to(&made.constants).is_ok());
         Ok((made.constants, saved.unwrap_or(made.state)))
     }
@@ -321,7 +184,7 @@ impl Sweep<'_> {
         k: usize,
         world: usize,
         listener: &mut dyn Listener,
-    ) -> Result<(), SweepError> {
+    ) -> Result<(), StudyError> {
         let outcome = drive.outcome(k);
         let Some(state_hash) = outcome.state_hash else {
             // The world is left: a device may be well again.
@@ -340,17 +203,11 @@ impl Sweep<'_> {
             doubts: g.results.iter().flat_map(|result| doubts(result, c)).collect(),
         };
         self.end(row, listener)?;
-        match fs::remove_file(self.checkpoint(world)) {
-            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-                let path = self.checkpoint(world);
-                Err(OutputError::Io { path, action: "remove this file", source }.into())
-            }
-            _ => Ok(()),
-        }
+        ensemble::discard(&checkpoint_of(&self.dir, world))
     }
 
     /// Journals a world that has ended.
-    fn end(&mut self, row: Row, listener: &mut dyn Listener) -> Result<(), SweepError> {
+    fn end(&mut self, row: Row, listener: &mut dyn Listener) -> Result<(), StudyError> {
         self.journal.append(&row)?;
         let measured = |m: &Measure| {
             let found = row.measured(m).filter(|found| found.n > 0)?;
@@ -364,31 +221,51 @@ impl Sweep<'_> {
         self.rows.insert(row.world, row);
         Ok(())
     }
+}
 
-    /// Where the state of a world is kept while it has not ended.
-    fn checkpoint(&self, world: usize) -> PathBuf {
-        self.dir.checkpoints().join(format!("{world:06}.glebe"))
+/// The worlds of a batch, with their numbers in the sweep.
+struct Crew<'a, 'b> {
+    sweep: &'a mut Sweep<'b>,
+    numbers: Vec<usize>,
+    /// How many began from the bed of another.
+    shared: usize,
+    warnings: Vec<String>,
+}
+
+impl Observer for Crew<'_, '_> {
+    type Error = Infallible;
+    fn wants_frames(&self) -> bool {
+        false
+    }
+}
+
+impl Follower for Crew<'_, '_> {
+    fn happened(
+        &mut self,
+        drive: &Drive,
+        event: Event,
+        listener: &mut dyn Listener,
+    ) -> Result<(), StudyError> {
+        match event {
+            Event::Ended(k) => self.sweep.ended(drive, k, self.numbers[k], listener)?,
+            Event::Reused(..) => self.shared += 1,
+            Event::NotKept(_, line) => {
+                listener.warn(&line);
+                self.warnings.push(line);
+            }
+            Event::StageEnded(..) => {}
+        }
+        Ok(())
     }
 
-    /// Keeps the states of worlds that are under way.
-    fn save(&self, drive: &Drive, numbers: &[usize]) -> Result<(), SweepError> {
-        let batch = drive.batch();
-        for (k, &world) in numbers.iter().enumerate() {
-            let g = batch.progress(k);
-            if *batch.status(k) != Status::Running || g.step == 0 {
-                continue;
-            }
-            let Ok(state) = batch.sound_state(k) else { continue };
-            let Ok(facts) = &self.plan.worlds[world].fate else { continue };
-            let header = Header {
-                glebe_version: env!("CARGO_PKG_VERSION").to_owned(),
-                scene_hash: facts.scene_hash.clone(),
-                step: g.step,
-                time: batch.time(k),
-                device: batch.backend().maker(),
-                ..Header::default()
-            };
-            checkpoint::keep(&self.checkpoint(world), &header, &state)?;
+    fn ended(&self) -> [usize; 2] {
+        [self.sweep.rows.len(), self.sweep.plan.worlds.len()]
+    }
+
+    fn save(&mut self, drive: &Drive) -> Result<(), StudyError> {
+        for (k, &world) in self.numbers.iter().enumerate() {
+            let Ok(facts) = &self.sweep.plan.worlds[world].fate else { continue };
+            ensemble::keep(drive, k, &checkpoint_of(&self.sweep.dir, world), &facts.scene_hash)?;
         }
         Ok(())
     }

@@ -173,20 +173,49 @@ fn needed(bytes: f64, known: bool, of_device: Option<u64>) -> String {
     format!("{least} {:.0} MB{of}", (bytes / 1e6).max(1.0))
 }
 
+/// What the worlds of a study come to.
+struct Estimate {
+    particles: usize,
+    steps: f64,
+    particle_steps: f64,
+}
+
+impl Estimate {
+    /// Of worlds with so many particles and steps.
+    fn of(worlds: impl Iterator<Item = (usize, u64)>) -> Self {
+        let mut all = Self { particles: 0, steps: 0.0, particle_steps: 0.0 };
+        for (particles, steps) in worlds {
+            all.particles += particles;
+            all.steps += steps as f64;
+            all.particle_steps += steps as f64 * particles as f64;
+        }
+        all
+    }
+
+    fn bytes(&self) -> f64 {
+        BYTES_PER_PARTICLE * self.particles as f64
+    }
+
+    /// Wall time \[s\] on cores.
+    fn seconds(&self, cores: usize) -> f64 {
+        self.particle_steps / (RATE * cores as f64)
+    }
+}
+
 fn study(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
+    let file = &args.scene.scene;
+    if Study::load(file, &args.scene.sets).is_ok_and(|study| study.rve.is_some()) {
+        return samples(args, ui);
+    }
     let device = args.device.open(0)?;
-    let Some(plan) = super::sweep::plan(&args.scene.scene, &args.scene.sets, ui)? else {
+    let Some(plan) = super::sweep::plan(file, &args.scene.sets, ui)? else {
         return Ok(Ended::Interrupted);
     };
     let chosen = device.admit(plan.first())?;
     chosen.note.iter().for_each(|line| ui.note(line));
-    let facts: Vec<_> = plan.worlds.iter().filter_map(|w| w.fate.as_ref().ok()).collect();
-    let particles: usize = facts.iter().map(|f| f.particles).sum();
-    let steps: f64 = facts.iter().map(|f| f.steps as f64).sum();
+    let facts = plan.worlds.iter().filter_map(|w| w.fate.as_ref().ok());
+    let all = Estimate::of(facts.map(|f| (f.particles, f.steps)));
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let particle_steps: f64 = facts.iter().map(|f| f.steps as f64 * f.particles as f64).sum();
-    let seconds = particle_steps / (RATE * cores as f64);
-    let bytes = BYTES_PER_PARTICLE * particles as f64;
     let measures: Vec<String> = plan.measures.iter().map(Measure::full_name).collect();
     let worlds = plan.worlds.iter().map(|w| {
         let refused = w.fate.as_ref().err();
@@ -196,29 +225,81 @@ fn study(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         "status": "ok",
         "worlds": worlds.collect::<Vec<_>>(),
         "refused": plan.refused(),
-        "particles": particles,
+        "particles": all.particles,
         "measures": measures,
-        "most_steps": steps,
-        "memory_bytes": bytes,
+        "most_steps": all.steps,
+        "memory_bytes": all.bytes(),
         "device": chosen.backend.device(),
-        "devices": [{ "name": "cpu", "threads": cores, "most_wall_s": seconds }],
+        "devices": [{ "name": "cpu", "threads": cores, "most_wall_s": all.seconds(cores) }],
         "warnings": plan.warnings,
     });
     let text = format!(
         "{} is fine.\n\
          worlds     {}{}\n\
-         particles  {particles} in all worlds\n\
+         particles  {} in all worlds\n\
          measures   {}\n\
-         length     at most {steps:.2e} steps in all worlds\n\
+         length     at most {:.2e} steps in all worlds\n\
          memory     about {:.0} MB in one batch\n\
          run time   at most about {} on the CPU with {cores} threads, without settled beds\n\
          device     {}",
-        args.scene.scene.display(),
+        file.display(),
         plan.worlds.len(),
-        if plan.refused() > 0 { format!(", {} refused", plan.refused()) } else { String::new() },
+        refusals(plan.refused()),
+        all.particles,
         measures.join(", "),
-        (bytes / 1e6).max(1.0),
-        duration(seconds),
+        all.steps,
+        (all.bytes() / 1e6).max(1.0),
+        duration(all.seconds(cores)),
+        chosen.backend.device(),
+    );
+    ui.result(&value, &text);
+    Ok(Ended::Done)
+}
+
+fn refusals(refused: usize) -> String {
+    if refused > 0 { format!(", {refused} refused") } else { String::new() }
+}
+
+/// A study of periodic samples. How long they take to come to rest is not known before.
+fn samples(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
+    let file = &args.scene.scene;
+    let device = args.device.open(0)?;
+    let Some(plan) = super::rve::plan(file, &args.scene.sets, ui)? else { return Ok(Ended::Interrupted) };
+    let chosen = device.admit(plan.first())?;
+    chosen.note.iter().for_each(|line| ui.note(line));
+    let facts = || plan.samples.iter().filter_map(|sample| sample.fate.as_ref().ok());
+    let all = Estimate::of(facts().map(|f| (f.particles, f.steps)));
+    let prepared = facts().filter(|f| f.rve.prepare.is_some()).count();
+    let seeds = plan.study.rve.as_ref().map_or(1, |rve| rve.seeds);
+    let worlds = plan.samples.iter().map(|sample| {
+        let set = &plan.variants[sample.variant].sets;
+        json!({ "variant": sample.variant, "set": set, "errors": sample.fate.as_ref().err() })
+    });
+    let value = json!({
+        "status": "ok",
+        "worlds": worlds.collect::<Vec<_>>(),
+        "variants": plan.variants.len(),
+        "refused": plan.refused(),
+        "prepared": prepared,
+        "particles": all.particles,
+        "memory_bytes": all.bytes(),
+        "device": chosen.backend.device(),
+        "warnings": plan.warnings,
+    });
+    let text = format!(
+        "{} is fine.\n\
+         samples    {} of {} variants and {seeds} seeds{}\n\
+         particles  {} in all samples\n\
+         prepared   {prepared}\n\
+         memory     about {:.0} MB in one batch\n\
+         run time   not known: samples are consolidated until they are at rest\n\
+         device     {}",
+        file.display(),
+        plan.samples.len(),
+        plan.variants.len(),
+        refusals(plan.refused()),
+        all.particles,
+        (all.bytes() / 1e6).max(1.0),
         chosen.backend.device(),
     );
     ui.result(&value, &text);

@@ -7,6 +7,8 @@ mod check;
 mod devices;
 mod new;
 mod run;
+mod rve;
+mod study;
 mod sweep;
 mod ui;
 
@@ -34,6 +36,7 @@ Examples:
   glebe run field/scene.toml           runs it; results go to `field/out`
   glebe run field/scene.toml --resume  goes on after an interruption
   glebe sweep field/study.toml         many variants of a scene
+  glebe rve sand/study.toml            periodic samples under stress and strain
 
 Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 interrupted (--resume continues).";
 
@@ -43,6 +46,7 @@ enum Verb {
     Check(check::Args),
     Run(run::Args),
     Sweep(sweep::Args),
+    Rve(rve::Args),
     Validate(crate::validate::ValidateArgs),
     Bench(crate::bench::BenchArgs),
     Devices(devices::Args),
@@ -82,6 +86,7 @@ pub fn main() -> ExitCode {
         Verb::Check(args) => check::run(&args, &ui),
         Verb::Run(args) => run::run(&args, &ui),
         Verb::Sweep(args) => sweep::run(&args, &ui),
+        Verb::Rve(args) => rve::run(&args, &ui),
         Verb::Validate(args) => validate(&args, &ui),
         Verb::Bench(args) => match crate::bench::run(&args, &ui) {
             Ok(()) => Ok(Ended::Done),

@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::ui::shell_word;
 use super::{Ended, Problem, Ui};
-use crate::templates::{SCENE, STUDY, TEMPLATES, Template};
+use crate::templates::{TEMPLATES, Template};
 
 /// Makes a folder with a commented scene, its meshes and study, to start from
 #[derive(Debug, clap::Args)]
@@ -17,7 +17,8 @@ Examples:
   glebe new field                      the full-size tillage scene: minutes on two cores
   glebe new field --quick              a coarse one: within a minute
   glebe new mill --template drum
-  glebe new field --template sweep     a study: many variants of a scene")]
+  glebe new field --template sweep     a study: many variants of a scene
+  glebe new sand --template rve        a study: triaxial tests on periodic samples")]
 pub(super) struct Args {
     /// The folder to make
     name: PathBuf,
@@ -49,7 +50,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     fs::create_dir_all(folder)
         .map_err(|e| Problem::Input(format!("the folder {} cannot be made: {e}", folder.display())))?;
     let files = template.write(folder, args.quick).map_err(|e| failed(&e))?;
-    let (verb, file) = if files.contains(&STUDY) { ("sweep", STUDY) } else { ("run", SCENE) };
+    let (verb, file) = template.run_by();
     let value = json!({ "status": "ok", "folder": folder, "template": template.name, "files": files });
     let text = format!(
         "{}: {} ({})\nRun it:  glebe {verb} {}",

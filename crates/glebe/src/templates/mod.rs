@@ -23,8 +23,8 @@ pub struct Template {
     values: &'static [(&'static str, &'static str, &'static str)],
     /// Name of the file that the parametric sweep is written to, if the scene has one.
     sweep: Option<&'static str>,
-    /// The study of the scene, if it is one.
-    study: Option<&'static str>,
+    /// The study of the scene, if it is one: the verb that runs it, and its text.
+    study: Option<(&'static str, &'static str)>,
 }
 
 /// Every template.
@@ -118,7 +118,24 @@ pub const TEMPLATES: &[Template] = &[
             ("speeds", "5", "3"),
         ],
         sweep: None,
-        study: Some(include_str!("sweep.toml")),
+        study: Some(("sweep", include_str!("sweep.toml"))),
+    },
+    Template {
+        name: "rve",
+        summary: "a study: drained triaxial tests on periodic samples of several void ratios",
+        text: include_str!("grains.toml"),
+        values: &[
+            ("small", "", ", in a size that ends within a minute"),
+            ("count", "2000", "300"),
+            ("side", "39.5 mm", "21 mm"),
+            ("seeds", "5", "2"),
+            ("pressure", "10 kPa", "50 kPa"),
+            ("strain", "0.2", "0.1"),
+            ("inertial", "1e-3", "1e-2"),
+            ("void_ratios", "0.58, 0.62, 0.66, 0.70", "0.58, 0.66"),
+        ],
+        sweep: None,
+        study: Some(("rve", include_str!("rve.toml"))),
     },
 ];
 
@@ -135,7 +152,12 @@ impl Template {
 
     /// The study file, if it is a study.
     pub fn study(&self, quick: bool) -> Option<String> {
-        self.study.map(|text| self.filled(text, quick))
+        self.study.map(|(_, text)| self.filled(text, quick))
+    }
+
+    /// The verb that runs it, with the file that it takes.
+    pub fn run_by(&self) -> (&'static str, &'static str) {
+        self.study.map_or(("run", SCENE), |(verb, _)| (verb, STUDY))
     }
 
     fn filled(&self, text: &str, quick: bool) -> String {

@@ -13,7 +13,7 @@ pub const SVG_MARK: &str = "<!-- plotted by glebe -->";
 const STUDY_MARK: &str = "# copied by glebe";
 
 /// Files at the top of an output folder that belong to a run or a study.
-const OWN_FILES: [&str; 7] = [
+const OWN_FILES: [&str; 10] = [
     "series.csv",
     "series.parquet",
     "summary.json",
@@ -21,6 +21,9 @@ const OWN_FILES: [&str; 7] = [
     "report.html",
     "worlds.csv",
     "journal.jsonl",
+    "curves.csv",
+    "bands.csv",
+    "homogenisation.csv",
 ];
 
 /// What is done with the results of an earlier run.
@@ -37,6 +40,7 @@ pub enum Existing {
 const STUDY: &str = "study.toml";
 const CHECKPOINTS: &str = "checkpoint";
 const FRAMES: &str = "frames";
+const SAMPLES: &str = "samples";
 
 /// The folder that a run writes its results into.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -148,6 +152,18 @@ impl OutputDir {
     pub fn journal(&self) -> PathBuf {
         self.path.join("journal.jsonl")
     }
+    /// The folder of the curves of samples; it may not exist yet.
+    pub fn samples(&self) -> PathBuf {
+        self.path.join(SAMPLES)
+    }
+    /// Where the curve of a sample is.
+    pub fn sample(&self, number: usize) -> PathBuf {
+        self.samples().join(format!("{number:06}.csv"))
+    }
+    /// Where the table `name` of a study of samples is.
+    pub fn table(&self, name: &str) -> PathBuf {
+        self.path.join(format!("{name}.csv"))
+    }
     /// Where the plot `name` (without extension) is. Plots start with [`SVG_MARK`].
     pub fn plot(&self, name: &str) -> PathBuf {
         self.path.join(format!("{name}.svg"))
@@ -229,7 +245,8 @@ fn occupant(path: &Path) -> Result<Option<String>, OutputError> {
 
 /// Removes what a crash left unfinished.
 fn remove_partial(path: &Path) -> Result<(), OutputError> {
-    let inner = [FRAMES, CHECKPOINTS].map(|name| path.join(name)).into_iter().filter(|f| is_folder(f));
+    let inner =
+        [FRAMES, CHECKPOINTS, SAMPLES].map(|name| path.join(name)).into_iter().filter(|f| is_folder(f));
     for folder in std::iter::once(path.to_owned()).chain(inner) {
         for name in names(&folder)?.iter().filter(|name| name.starts_with(PARTIAL_PREFIX)) {
             remove_file(&folder.join(name))?;
@@ -251,6 +268,7 @@ fn remove_own(path: &Path) -> Result<(), OutputError> {
             remove_file(&file)?;
         }
     }
+    remove_own_in(&path.join(SAMPLES), is_sample)?;
     remove_own_in(&path.join(FRAMES), is_frame)
 }
 
@@ -291,6 +309,11 @@ fn is_frame(name: &str) -> bool {
     name.strip_suffix(".vtp")
         .and_then(|stem| stem.split_once('_'))
         .is_some_and(|(number, _)| number.len() >= 6 && number.bytes().all(|b| b.is_ascii_digit()))
+}
+
+/// `000012.csv`
+fn is_sample(name: &str) -> bool {
+    name.strip_suffix(".csv").is_some_and(|n| n.len() >= 6 && n.bytes().all(|b| b.is_ascii_digit()))
 }
 
 fn is_checkpoint(name: &str) -> bool {

@@ -573,7 +573,7 @@ static UNTIL: TableSpec = TableSpec {
         )
         .optional("energy does not matter")
         .above(0.0),
-        Field::new("stress_within", NUMBER, "Every stress of `cell.stress` is reached to within this share of the largest, and the kinetic energy is less than a thousandth of the elastic one.")
+        Field::new("stress_within", NUMBER, "Every stress of `cell.stress` is reached to within this share of the largest, and the kinetic energy of translation is less than a thousandth of the elastic one.")
             .optional("stress does not matter")
             .above(0.0)
             .at_most(1.0),

@@ -4,6 +4,7 @@ use crate::scene::table::{Field, Kind, Names, Rule, TableSpec, Words, words};
 use crate::units::Dimension;
 
 use super::Sampler;
+use super::rve::{CONSOLIDATE, LOAD, PREPARE};
 
 pub(super) const SAMPLERS: Words<Sampler> = words! {
     "grid" => Sampler::Grid, "list" => Sampler::List,
@@ -28,9 +29,23 @@ pub(super) static STUDY: TableSpec = TableSpec {
             .at_least(1.0)
             .at_most(super::MOST_WORLDS as f64),
         Field::new("seed", Kind::Integer, "Seed of `latin-hypercube` and `sobol`.").or("1").at_least(0.0),
-        Field::new("vary", Kind::Named(Names::New, &VARY), "What varies, by name; the names head the results."),
+        Field::new("vary", Kind::Named(Names::New, &VARY), "What varies, by name; the names head the results.")
+            .optional("needed for `glebe sweep`"),
         Field::new("follow", Kind::Named(Names::New, &FOLLOW), "Values that follow one that varies, by name.")
             .or("{}"),
+        Field::new(
+            "seeds",
+            Kind::Integer,
+            "Samples of each variant, whose scenes have the seed as written, the next and so on (`glebe rve`).",
+        )
+        .or("1")
+        .at_least(1.0)
+        .at_most(super::MOST_WORLDS as f64),
+        Field::new("prepare", Kind::Table(&PREPARE), "How periodic samples are made (`glebe rve`).")
+            .optional("they are consolidated as they are"),
+        Field::new("consolidate", Kind::Table(&CONSOLIDATE), "The stress they are brought to (`glebe rve`).")
+            .optional("the study is not of periodic samples"),
+        Field::new("load", Kind::Table(&LOAD), "How they are loaded (`glebe rve`).").optional("they are not"),
     ],
     rules: &[],
 };
@@ -38,7 +53,11 @@ pub(super) static STUDY: TableSpec = TableSpec {
 static VARY: TableSpec = TableSpec {
     doc: "A value of the scene that varies.",
     fields: &[
-        Field::new("path", Kind::Text, "The value, as for --set, such as \"material.soil.density\"."),
+        Field::new(
+            "path",
+            Kind::Text,
+            "The value, as for --set, such as \"material.soil.density\", or one of the study's own, such as \"prepare.void_ratio\".",
+        ),
         Field::new("values", Kind::Any, "A list of its values, as the scene would have them.")
             .optional("see `range`"),
         Field::new("range", Kind::Any, "[from, to], both included in a grid.").optional("see `values`"),

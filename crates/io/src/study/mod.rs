@@ -15,6 +15,7 @@
 //! ```
 
 mod fields;
+mod rve;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -31,12 +32,16 @@ use crate::scene::table::{Field, Kind};
 use crate::scene::{Located, MOST_BYTES, first};
 use crate::units::Dimension;
 use fields::{SAMPLERS, STUDY};
+pub use rve::{Aim, Consolidate, Load, Prepare, Program, Rve};
 
 /// More worlds than this are taken for a slip \[-\].
 pub const MOST_WORLDS: usize = 100_000;
 
 /// Columns of results that are not parameters or measures; nothing that varies may be called like one.
 pub const COLUMNS: [&str; 6] = ["world", "particles", "lost", "status", "reason", "state_hash"];
+
+/// Further columns of that sort in the results of samples.
+pub const SAMPLE_COLUMNS: [&str; 2] = ["variant", "seed"];
 
 /// A study file that passed every check that does not need its worlds.
 #[derive(Clone, Debug)]
@@ -58,8 +63,13 @@ pub struct Study {
     pub parameters: Vec<Parameter>,
     /// What follows, in the order of the file.
     pub followers: Vec<Follower>,
+    /// What is done with periodic samples, if the study is of such.
+    pub rve: Option<Rve>,
     /// The file itself.
     pub text: String,
+    name: String,
+    folder: PathBuf,
+    sets: Vec<String>,
 }
 
 /// How worlds are chosen.
@@ -208,8 +218,8 @@ impl Study {
         let found = set::apply(&mut root, &STUDY, sets);
         let known = Known::default();
         let checker = Checker { known: &known, found };
-        let mut reader = Reader { checker, scene: None, scene_text: String::new() };
-        let file = reader.checker.table(&root, &STUDY, "");
+        let mut reader = Reader { checker, own: root, scene: None, scene_text: String::new() };
+        let file = reader.checker.table(&reader.own, &STUDY, "");
         let scene = file
             .located_if("scene")
             .map(|scene| Located { value: folder.join(scene.value), place: scene.place });
@@ -222,12 +232,26 @@ impl Study {
         if errors.is_empty() {
             study.scene = scene.map(|s| s.value).unwrap_or_default();
             text.clone_into(&mut study.text);
+            name.clone_into(&mut study.name);
+            folder.clone_into(&mut study.folder);
+            study.sets = sets.to_vec();
             return Ok(study);
         }
         errors.sort_by_key(|e| {
             if e.place().source().name() == name { e.place().span().start } else { usize::MAX }
         });
         Err(first(errors))
+    }
+
+    /// What is done with the samples of a variant: as the study says, with what varies of it set by arguments of
+    /// `--set`. Those of values of the scene are ignored. None if the study is not of samples.
+    ///
+    /// # Errors
+    /// Everything that is wrong with the values.
+    pub fn rve_with(&self, sets: &[String]) -> Result<Option<Rve>, Vec<SceneError>> {
+        let own: Vec<String> =
+            self.sets.iter().chain(sets.iter().filter(|set| of_samples(set))).cloned().collect();
+        Ok(Self::parse(&self.name, &self.text, &self.folder, &own)?.rve)
     }
 
     /// Whether a file can be read and is meant to be a study.
@@ -247,9 +271,16 @@ pub fn schema() -> serde_json::Value {
     schema_of(&STUDY, "glebe study")
 }
 
+/// Whether a path, with or without a value after it, is one of what is done with samples rather than of the scene.
+pub fn of_samples(path: &str) -> bool {
+    path.split_once('.').is_some_and(|(part, _)| rve::PARTS.contains(&part.trim()))
+}
+
 /// Reads what the tables of a study mean in its scene.
 struct Reader<'a> {
     checker: Checker<'a>,
+    /// The file itself.
+    own: Node,
     /// The scene; absent if it could not be read, so that nothing is said of what it should hold.
     scene: Option<Node>,
     scene_text: String,
@@ -277,12 +308,14 @@ impl Reader<'_> {
         let sampler = SAMPLERS.value(&file.text("sampler"));
         let points = usize::try_from(file.integer("points")).unwrap_or(usize::MAX);
         self.points_fit(file, sampler);
+        let rve = self.rve(file);
         let vary = file.named("vary");
-        if vary.is_empty() && file.has("vary") {
+        let failed = file.written("vary") && !file.has("vary");
+        if vary.is_empty() && !failed && rve.is_none() {
             let message = "nothing varies in this study".to_owned();
             self.checker.error(
                 SceneError::new("missing", file.place("vary"), message)
-                    .label("empty")
+                    .label("no `vary`")
                     .help("write [vary.NAME] with a path and its values"),
             );
         }
@@ -303,7 +336,11 @@ impl Reader<'_> {
             seed: file.integer("seed"),
             parameters,
             followers,
+            rve,
             text: String::new(),
+            name: String::new(),
+            folder: PathBuf::new(),
+            sets: Vec::new(),
         }
     }
 
@@ -335,7 +372,8 @@ impl Reader<'_> {
         let span = path.place.span();
         let inside = span.start + 1..span.end.saturating_sub(1);
         let at = if inside.len() == path.value.len() { path.place.part(inside) } else { path.place };
-        match set::leads_to(scene, &SCENE, &path.value, &at) {
+        let (root, table) = if of_samples(&path.value) { (&self.own, &STUDY) } else { (scene, &SCENE) };
+        match set::leads_to(root, table, &path.value, &at) {
             Ok(kind) => Some((path.value, kind)),
             Err(error) => {
                 self.checker.error(error);
@@ -526,13 +564,17 @@ impl Reader<'_> {
 
     fn names_differ(&mut self, file: &Record) {
         let mut taken: Vec<&str> = COLUMNS.to_vec();
+        if file.written("consolidate") {
+            taken.extend(SAMPLE_COLUMNS);
+        }
+        let columns = taken.clone();
         for (name, _) in file.named("vary").iter().chain(file.named("follow")) {
             if taken.contains(&name.value.as_str()) || name.value.contains('.') {
                 let message = format!("`{}` cannot be the name of a parameter", name.value);
                 self.checker.error(SceneError::new("duplicate", &name.place, message).label("taken").help(
                     format!(
                         "names head columns of results: each once, without dots, and none of {}",
-                        quoted(&COLUMNS)
+                        quoted(&columns)
                     ),
                 ));
             }

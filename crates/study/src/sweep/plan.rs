@@ -14,11 +14,8 @@ use serde::Serialize;
 
 use crate::digest::{Digest, scene_hash};
 use crate::drive::steps_left;
+use crate::ensemble::divide;
 use crate::sample::{self, TooManyDimensions, World};
-
-/// Memory that a particle takes in a batch, its lists and what it was made from included \[bytes\]; see the table of
-/// rates in the README.
-const BYTES: f64 = 1500.0;
 
 /// A study with its worlds, each of which was made once, to see that it can be.
 pub struct Plan {
@@ -134,30 +131,8 @@ impl Plan {
 
     /// The worlds of each batch: of those given, in order, as many as memory holds, or in as many batches as asked for.
     pub fn batches(&self, worlds: &[usize], asked: Option<usize>, memory: Option<u64>) -> Vec<Vec<usize>> {
-        if worlds.is_empty() {
-            return Vec::new();
-        }
-        if let Some(asked) = asked {
-            return worlds.chunks(worlds.len().div_ceil(asked.max(1))).map(<[usize]>::to_vec).collect();
-        }
-        // What else runs needs some too.
-        let room = memory.map_or(f64::INFINITY, |bytes| 0.5 * bytes as f64);
-        let mut batches: Vec<Vec<usize>> = Vec::new();
-        let mut used = f64::INFINITY;
-        for &w in worlds {
-            let bytes = self.worlds[w].fate.as_ref().map_or(0.0, |f| BYTES * f.particles as f64);
-            match batches.last_mut() {
-                Some(batch) if used + bytes <= room => {
-                    batch.push(w);
-                    used += bytes;
-                }
-                _ => {
-                    batches.push(vec![w]);
-                    used = bytes;
-                }
-            }
-        }
-        batches
+        let particles = |w: usize| self.worlds[w].fate.as_ref().map_or(0, |f| f.particles);
+        divide(worlds, particles, asked, memory)
     }
 
     /// A digest of all worlds.
@@ -197,7 +172,7 @@ fn measures(c: &Constants) -> Vec<Measure> {
 }
 
 /// What was said of some worlds, each once.
-pub(super) fn told_once(said: BTreeMap<String, Vec<usize>>, all: usize) -> Vec<String> {
+pub(crate) fn told_once(said: BTreeMap<String, Vec<usize>>, all: usize) -> Vec<String> {
     let told = |(text, worlds): (String, Vec<usize>)| match worlds[..] {
         [w] => format!("world {w}: {text}"),
         _ if worlds.len() == all => format!("all worlds: {text}"),
@@ -218,6 +193,7 @@ pub fn reason(errors: &[SceneError]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ensemble::BYTES;
 
     #[test]
     fn batches_are_as_few_as_memory_holds_or_as_many_as_asked_for() {

@@ -8,7 +8,7 @@ use glebe_io::study::{COLUMNS, Value, Values};
 use glebe_report::{Axis, Plot, Series, Style};
 use serde::Serialize;
 
-use super::{Measure, Row, Sweep, SweepError, told_once};
+use super::{Measure, Row, StudyError, Sweep, told_once};
 use crate::fit::{Fit, linear, power};
 
 /// Points by which a curve is drawn.
@@ -93,6 +93,33 @@ pub struct Counts {
     pub interrupted: usize,
 }
 
+impl Counts {
+    /// Of worlds that ended so.
+    pub(crate) fn of(statuses: impl IntoIterator<Item = summary::Status>) -> Self {
+        let mut counts = Self::default();
+        for status in statuses {
+            counts.worlds += 1;
+            *match status {
+                summary::Status::Done => &mut counts.done,
+                summary::Status::Failed => &mut counts.failed,
+                summary::Status::Refused => &mut counts.refused,
+                _ => &mut counts.interrupted,
+            } += 1;
+        }
+        counts
+    }
+
+    /// How a study stands, whose device was lost or not.
+    pub(crate) fn status(self, lost: bool) -> summary::Status {
+        match self {
+            _ if lost => summary::Status::Failed,
+            Self { interrupted: 1.., .. } => summary::Status::Interrupted,
+            Self { done: 0, .. } => summary::Status::Failed,
+            _ => summary::Status::Done,
+        }
+    }
+}
+
 /// A world of the summary.
 #[derive(Clone, Debug, Serialize)]
 pub struct WorldSummary {
@@ -118,7 +145,7 @@ impl Sweep<'_> {
         started: Instant,
         mut warnings: Vec<String>,
         hash: &str,
-    ) -> Result<Summary, SweepError> {
+    ) -> Result<Summary, StudyError> {
         let study = &self.plan.study;
         let why = self.lost.clone().unwrap_or_else(|| "stopped by the user".to_owned());
         let left = |w| Row::not_run(w, summary::Status::Interrupted, why.clone());
@@ -126,7 +153,7 @@ impl Sweep<'_> {
             .map(|w| self.rows.get(&w).cloned().unwrap_or_else(|| left(w)))
             .collect();
         self.table(&rows)?;
-        let counts = counts(&rows);
+        let counts = Counts::of(rows.iter().map(|row| row.status));
         let mut measures = Vec::new();
         for measure in &self.plan.measures {
             let mut fits = Vec::new();
@@ -147,12 +174,7 @@ impl Sweep<'_> {
         let wall_s = started.elapsed().as_secs_f64();
         let summary = Summary {
             title: study.title.clone(),
-            status: match counts {
-                _ if self.lost.is_some() => summary::Status::Failed,
-                Counts { interrupted: 1.., .. } => summary::Status::Interrupted,
-                Counts { done: 0, .. } => summary::Status::Failed,
-                _ => summary::Status::Done,
-            },
+            status: counts.status(self.lost.is_some()),
             reason: self.lost.clone(),
             provenance: summary::Provenance {
                 version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -194,7 +216,7 @@ impl Sweep<'_> {
         Ok(summary)
     }
 
-    fn table(&self, rows: &[Row]) -> Result<(), SweepError> {
+    fn table(&self, rows: &[Row]) -> Result<(), StudyError> {
         let [world, ends @ ..] = COLUMNS;
         let (study, measures) = (&self.plan.study, &self.plan.measures);
         let mut header = vec![world.to_owned()];
@@ -234,7 +256,7 @@ impl Sweep<'_> {
         parameter: usize,
         measure: &Measure,
         rows: &[Row],
-    ) -> Result<Option<Fitted>, SweepError> {
+    ) -> Result<Option<Fitted>, StudyError> {
         let p = &self.plan.study.parameters[parameter];
         let point = |row: &Row| {
             let x = self.plan.worlds[row.world].world.values.get(parameter)?.number()?;
@@ -300,22 +322,11 @@ fn short(x: f64) -> String {
 }
 
 /// How a status is written in tables.
-fn word(status: summary::Status) -> &'static str {
+pub(crate) fn word(status: summary::Status) -> &'static str {
     match status {
         summary::Status::Done => "done",
         summary::Status::Failed => "failed",
         summary::Status::Refused => "refused",
         _ => "interrupted",
-    }
-}
-
-fn counts(rows: &[Row]) -> Counts {
-    let of = |status| rows.iter().filter(|row| row.status == status).count();
-    Counts {
-        worlds: rows.len(),
-        done: of(summary::Status::Done),
-        failed: of(summary::Status::Failed),
-        refused: of(summary::Status::Refused),
-        interrupted: of(summary::Status::Interrupted),
     }
 }

@@ -1,0 +1,116 @@
+//! What the verbs that run studies have in common.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use glebe_engine::backend::Backend;
+use glebe_io::output::summary::{Performance, Status};
+use glebe_study::sweep::{Counts, Settings};
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use super::check::{duration, folder_of};
+use super::run::ComputeArgs;
+use super::{Ended, Problem, Ui};
+use crate::device::memory;
+use crate::run::default_bed_folder;
+
+/// A study, and how it is computed.
+#[derive(Debug, clap::Args)]
+pub(super) struct StudyArgs {
+    /// The study file
+    pub(super) study: PathBuf,
+    /// Replaces a value of the study: keys joined by dots, such as vary.density.count=8
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    pub(super) sets: Vec<String>,
+    #[command(flatten)]
+    pub(super) compute: ComputeArgs,
+    /// Batches to divide the worlds into [default: as few as memory allows]; results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    batches: Option<u32>,
+    /// Wall time between checkpoints of worlds under way [s]
+    #[arg(long, value_name = "SECONDS", default_value_t = 600)]
+    checkpoint_every: u64,
+}
+
+/// What a study came to.
+pub(super) struct Came<'a> {
+    summary: Value,
+    status: Status,
+    /// What happened to the device, if it was lost.
+    reason: Option<&'a str>,
+}
+
+impl<'a> Came<'a> {
+    pub(super) fn of(summary: &impl Serialize, status: Status, reason: Option<&'a str>) -> Self {
+        Self { summary: json!(summary), status, reason }
+    }
+}
+
+impl StudyArgs {
+    fn out(&self) -> PathBuf {
+        self.compute.out.clone().unwrap_or_else(|| folder_of(&self.study).join("out"))
+    }
+
+    /// How the study is to be run on a backend.
+    pub(super) fn settings(&self, backend: Backend) -> Settings {
+        Settings {
+            backend,
+            existing: self.compute.existing(),
+            beds: default_bed_folder().filter(|_| !self.compute.no_cache),
+            batches: self.batches.map(|n| n as usize),
+            memory: memory(backend),
+            checkpoint_every: Duration::from_secs(self.checkpoint_every),
+            commit: option_env!("GLEBE_COMMIT").map(str::to_owned),
+            sets: self.sets.clone(),
+            ..Settings::new(self.out())
+        }
+    }
+
+    /// Says what came of it; `text` is what people read if it is done.
+    pub(super) fn finish(&self, verb: &str, came: &Came<'_>, text: &str, ui: &Ui) -> Result<Ended, Problem> {
+        let out = self.out();
+        let mut value = came.summary.clone();
+        value["out"] = json!(out);
+        let resume = self.compute.resume_with(verb, &self.study, &out, &self.sets);
+        if came.status == Status::Interrupted {
+            value["resume"] = json!(resume);
+            ui.result(&value, "");
+            ui.note(&format!("interrupted; what has ended is kept. To go on: {resume}"));
+            return Ok(Ended::Interrupted);
+        }
+        if let Some(reason) = came.reason {
+            return Err(Problem::Failed(format!("{reason}\nWhat has ended is kept. To go on: {resume}")));
+        }
+        if came.status == Status::Failed {
+            return Err(Problem::Failed(format!(
+                "no world is done; {} tells why of each",
+                out.join("worlds.csv").display()
+            )));
+        }
+        let text =
+            if self.compute.quiet { String::new() } else { format!("{text}results in {}", out.display()) };
+        ui.result(&value, &text);
+        Ok(Ended::Done)
+    }
+}
+
+/// A line on how many ended how, and how fast it was.
+pub(super) fn counted(what: &str, counts: Counts, p: &Performance, device: &str) -> String {
+    let mut text = format!("{} of {} {what} done", counts.done, counts.worlds);
+    // Writing to a string cannot fail.
+    for (count, how) in [(counts.failed, "failed"), (counts.refused, "refused")] {
+        if count > 0 {
+            let _ = write!(text, ", {count} {how}");
+        }
+    }
+    let _ = writeln!(
+        text,
+        "; {} steps in {} ({:.2} M particle-steps/s on {device})",
+        p.steps,
+        duration(p.wall_s),
+        p.particle_steps_per_second / 1e6,
+    );
+    text
+}
