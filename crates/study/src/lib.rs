@@ -22,6 +22,7 @@
 mod beds;
 mod digest;
 pub mod drive;
+mod ensemble;
 pub mod fit;
 pub mod sample;
 pub mod sweep;

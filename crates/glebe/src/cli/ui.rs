@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use glebe_engine::backend::Unavailable;
 use glebe_io::scene::SceneError;
-use glebe_study::sweep::SweepError;
+use glebe_study::sweep::StudyError;
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use serde_json::{Value, json};
 
@@ -40,8 +40,8 @@ impl From<RunError> for Problem {
     }
 }
 
-impl From<SweepError> for Problem {
-    fn from(error: SweepError) -> Self {
+impl From<StudyError> for Problem {
+    fn from(error: StudyError) -> Self {
         if error.is_input() { Self::Input(error.to_string()) } else { Self::Failed(error.to_string()) }
     }
 }

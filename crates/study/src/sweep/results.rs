@@ -8,7 +8,8 @@ use glebe_io::study::{COLUMNS, Value, Values};
 use glebe_report::{Axis, Plot, Series, Style};
 use serde::Serialize;
 
-use super::{Measure, Row, Sweep, SweepError, told_once};
+use super::{Measure, Row, StudyError, Sweep};
+use crate::ensemble::{Ensemble, told_once};
 use crate::fit::{Fit, linear, power};
 
 /// Points by which a curve is drawn.
@@ -115,12 +116,13 @@ impl Sweep<'_> {
     /// Writes table, plots and summary.
     pub(super) fn write(
         self,
+        ensemble: &Ensemble<'_>,
         started: Instant,
         mut warnings: Vec<String>,
         hash: &str,
-    ) -> Result<Summary, SweepError> {
+    ) -> Result<Summary, StudyError> {
         let study = &self.plan.study;
-        let why = self.lost.clone().unwrap_or_else(|| "stopped by the user".to_owned());
+        let why = ensemble.lost.clone().unwrap_or_else(|| "stopped by the user".to_owned());
         let left = |w| Row::not_run(w, summary::Status::Interrupted, why.clone());
         let rows: Vec<Row> = (0..self.plan.worlds.len())
             .map(|w| self.rows.get(&w).cloned().unwrap_or_else(|| left(w)))
@@ -148,12 +150,12 @@ impl Sweep<'_> {
         let summary = Summary {
             title: study.title.clone(),
             status: match counts {
-                _ if self.lost.is_some() => summary::Status::Failed,
+                _ if ensemble.lost.is_some() => summary::Status::Failed,
                 Counts { interrupted: 1.., .. } => summary::Status::Interrupted,
                 Counts { done: 0, .. } => summary::Status::Failed,
                 _ => summary::Status::Done,
             },
-            reason: self.lost.clone(),
+            reason: ensemble.lost.clone(),
             provenance: summary::Provenance {
                 version: env!("CARGO_PKG_VERSION").to_owned(),
                 commit: self.settings.commit.clone(),
@@ -180,9 +182,9 @@ impl Sweep<'_> {
                 })
                 .collect(),
             performance: summary::Performance {
-                particle_steps_per_second: self.particle_steps / wall_s,
+                particle_steps_per_second: ensemble.particle_steps / wall_s,
                 wall_s,
-                steps: self.steps,
+                steps: ensemble.steps,
                 phases: BTreeMap::new(),
             },
             warnings,
@@ -194,7 +196,7 @@ impl Sweep<'_> {
         Ok(summary)
     }
 
-    fn table(&self, rows: &[Row]) -> Result<(), SweepError> {
+    fn table(&self, rows: &[Row]) -> Result<(), StudyError> {
         let [world, ends @ ..] = COLUMNS;
         let (study, measures) = (&self.plan.study, &self.plan.measures);
         let mut header = vec![world.to_owned()];
@@ -212,7 +214,7 @@ impl Sweep<'_> {
                 Value::Text(_) => Cell::Text(value.shown()),
             }));
             for measure in measures {
-                let m = row.measured(measure);
+                let m = row.measured(&measure.stage, &measure.name);
                 let m = m.unwrap_or(summary::Measure { mean: f64::NAN, std: f64::NAN, n: 0 });
                 cells.extend([Cell::Number(m.mean), Cell::Number(m.std), Cell::Count(m.n)]);
             }
@@ -234,12 +236,12 @@ impl Sweep<'_> {
         parameter: usize,
         measure: &Measure,
         rows: &[Row],
-    ) -> Result<Option<Fitted>, SweepError> {
+    ) -> Result<Option<Fitted>, StudyError> {
         let p = &self.plan.study.parameters[parameter];
         let point = |row: &Row| {
             let x = self.plan.worlds[row.world].world.values.get(parameter)?.number()?;
             let done = row.status == summary::Status::Done;
-            row.measured(measure).filter(|m| done && m.n > 0).map(|m| (x, m.mean))
+            row.measured(&measure.stage, &measure.name).filter(|m| done && m.n > 0).map(|m| (x, m.mean))
         };
         let (x, y): (Vec<f64>, Vec<f64>) = rows.iter().filter_map(point).unzip();
         let [low, high] = [f64::min, f64::max].map(|f: fn(f64, f64) -> f64| x.iter().copied().reduce(f));

@@ -1,0 +1,520 @@
+//! Worlds of a study that run together: made of a scene, in batches that memory holds, each to its own end. States of
+//! worlds under way are kept, so that a study which was stopped goes on.
+
+use std::collections::BTreeMap;
+use std::convert::Infallible;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use glebe_engine::backend::Backend;
+use glebe_engine::batch::{Observer, Sample, Status};
+use glebe_engine::spec::Component;
+use glebe_engine::state::State;
+use glebe_engine::{Constants, prepare};
+use glebe_io::checkpoint::{self, CheckpointError, Header};
+use glebe_io::output::{Existing, Journal, OutputDir, OutputError, summary};
+use glebe_io::scene::{Scene, SceneError};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use crate::digest::scene_hash;
+use crate::drive::{Drive, Event, Listener, Pulse, doubts};
+
+/// Memory that a particle takes in a batch, its lists and what it was made from included \[bytes\]; see the table of
+/// rates in the README.
+const BYTES: f64 = 1500.0;
+
+/// How a study is to be done.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// The output folder.
+    pub out: PathBuf,
+    /// What computes.
+    pub backend: Backend,
+    /// What is done with results that are there.
+    pub existing: Existing,
+    /// Where settled beds are kept; none to keep none.
+    pub beds: Option<PathBuf>,
+    /// How many batches the worlds are divided into; none for as few as memory allows.
+    pub batches: Option<usize>,
+    /// Memory for worlds \[bytes\], if known.
+    pub memory: Option<u64>,
+    /// Wall time between checkpoints of worlds under way.
+    pub checkpoint_every: Duration,
+    /// The commit that this program was built from, if known.
+    pub commit: Option<String>,
+    /// By which arguments of `--set` the study was changed.
+    pub sets: Vec<String>,
+}
+
+impl Settings {
+    /// A new study on the CPU into the folder `out`, without kept beds, as one batch.
+    pub fn new(out: impl Into<PathBuf>) -> Self {
+        Self {
+            out: out.into(),
+            backend: Backend::Cpu,
+            existing: Existing::Refuse,
+            beds: None,
+            batches: None,
+            memory: None,
+            checkpoint_every: Duration::from_secs(600),
+            commit: None,
+            sets: Vec::new(),
+        }
+    }
+}
+
+/// Why a study was not done.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StudyError {
+    /// The output folder cannot be used, or writing failed.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A checkpoint cannot be written.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// The folder holds another study.
+    #[error(
+        "{path}: these results belong to another study: resume with the study, scene and files that they were \
+         begun with, or start again with --force"
+    )]
+    OtherStudy {
+        /// The journal.
+        path: PathBuf,
+    },
+    /// The folder's worlds were computed elsewhere.
+    #[error(
+        "{path}: these results were begun on `{found}`, and this is `{given}`, which rounds differently: resume with \
+         the same --device, or start again with --force"
+    )]
+    OtherDevice {
+        /// The journal.
+        path: PathBuf,
+        /// Where they were begun.
+        found: String,
+        /// What is to compute now.
+        given: String,
+    },
+}
+
+impl StudyError {
+    /// Whether what was given is at fault, rather than what happened after the start.
+    pub fn is_input(&self) -> bool {
+        match self {
+            Self::Output(e) => e.is_input(),
+            Self::Checkpoint(_) => false,
+            Self::OtherStudy { .. } | Self::OtherDevice { .. } => true,
+        }
+    }
+}
+
+/// A number that worlds measure.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Measure {
+    /// The stage.
+    pub stage: String,
+    /// Its name.
+    pub name: String,
+    /// Its SI unit.
+    pub unit: &'static str,
+}
+
+impl Measure {
+    /// `till.draught_force`
+    pub fn full_name(&self) -> String {
+        format!("{}.{}", self.stage, self.name)
+    }
+}
+
+/// What a world measures, by stage.
+pub(crate) fn measures(c: &Constants) -> Vec<Measure> {
+    let of_stage = |stage: &glebe_engine::spec::Stage| {
+        let name = stage.name.clone();
+        let measure = move |m: &glebe_engine::spec::Measure| Measure {
+            stage: name.clone(),
+            name: m.name.clone(),
+            unit: if matches!(m.component, Component::Torque(_)) { "N m" } else { "N" },
+        };
+        stage.measures.iter().map(measure).collect::<Vec<_>>()
+    };
+    c.spec.stages.iter().flat_map(of_stage).collect()
+}
+
+/// A world that was set up.
+pub(crate) struct Made {
+    pub(crate) constants: Arc<Constants>,
+    pub(crate) state: State,
+    pub(crate) scene_hash: String,
+    pub(crate) warnings: Vec<String>,
+}
+
+/// The world of a scene file, whose text is known, with arguments of `--set`.
+pub(crate) fn make(file: &Path, text: &str, sets: &[String]) -> Result<Made, Vec<SceneError>> {
+    let scene = Scene::parse(&file.display().to_string(), text, sets)?;
+    let built = scene.build(file.parent().unwrap_or(Path::new("")))?;
+    let (constants, state) = prepare(built.world.clone()).map_err(|e| vec![built.locate(&e)])?;
+    let scene_hash = scene_hash(&constants, &state);
+    let warnings = built.warnings.iter().map(ToString::to_string).chain(constants.warnings.clone()).collect();
+    Ok(Made { constants, state, scene_hash, warnings })
+}
+
+/// Why a world cannot be set up, in a line.
+pub fn reason(errors: &[SceneError]) -> String {
+    let one = |error: &SceneError| match error.advice() {
+        Some(advice) => format!("{error} ({advice})"),
+        None => error.to_string(),
+    };
+    errors.iter().map(one).collect::<Vec<_>>().join("; ")
+}
+
+/// What was said of some of `all` worlds, each once.
+pub(crate) fn told_once(said: BTreeMap<String, Vec<usize>>, all: usize) -> Vec<String> {
+    let told = |(text, worlds): (String, Vec<usize>)| match worlds[..] {
+        [w] => format!("world {w}: {text}"),
+        _ if worlds.len() == all => format!("all worlds: {text}"),
+        _ => format!("{} worlds, the first is {}: {text}", worlds.len(), worlds[0]),
+    };
+    said.into_iter().map(told).collect()
+}
+
+/// The worlds of each batch: of those given with their particles, in order, as many as memory \[bytes\] holds, or in
+/// as many batches as asked for.
+pub(crate) fn batches(
+    worlds: &[(usize, usize)],
+    asked: Option<usize>,
+    memory: Option<u64>,
+) -> Vec<Vec<usize>> {
+    if worlds.is_empty() {
+        return Vec::new();
+    }
+    if let Some(asked) = asked {
+        let size = worlds.len().div_ceil(asked.max(1));
+        return worlds.chunks(size).map(|part| part.iter().map(|(w, _)| *w).collect()).collect();
+    }
+    // What else runs needs some too.
+    let room = memory.map_or(f64::INFINITY, |bytes| 0.5 * bytes as f64);
+    let mut batches: Vec<Vec<usize>> = Vec::new();
+    let mut used = f64::INFINITY;
+    for &(w, particles) in worlds {
+        let bytes = BYTES * particles as f64;
+        match batches.last_mut() {
+            Some(batch) if used + bytes <= room => {
+                batch.push(w);
+                used += bytes;
+            }
+            _ => {
+                batches.push(vec![w]);
+                used = bytes;
+            }
+        }
+    }
+    batches
+}
+
+/// The first line of a journal.
+#[derive(Debug, Serialize, Deserialize)]
+pub(crate) struct Head {
+    version: String,
+    study_hash: String,
+    device: String,
+}
+
+/// An output folder with its journal and what stood in that.
+pub(crate) struct Opened<R> {
+    pub(crate) dir: OutputDir,
+    pub(crate) journal: Journal,
+    pub(crate) ended: Vec<R>,
+    /// What the user was told.
+    pub(crate) warnings: Vec<String>,
+}
+
+/// Begins the output folder of a study (its `text` and digest), or opens it to go on.
+pub(crate) fn open<R: DeserializeOwned>(
+    settings: &Settings,
+    text: &str,
+    digest: &str,
+    listener: &mut dyn Listener,
+) -> Result<Opened<R>, StudyError> {
+    let head = Head {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        study_hash: digest.to_owned(),
+        device: settings.backend.maker(),
+    };
+    let resumes = settings.existing == Existing::Resume;
+    if resumes && !OutputDir::is_vacant(&settings.out)? {
+        let dir = OutputDir::open_study(&settings.out)?;
+        let path = dir.journal();
+        let (found, ended, journal) = Journal::resume::<Head, R>(&path)?;
+        if found.study_hash != head.study_hash {
+            return Err(StudyError::OtherStudy { path });
+        }
+        if found.device != head.device {
+            return Err(StudyError::OtherDevice { path, found: found.device, given: head.device });
+        }
+        let mut warnings = Vec::new();
+        if found.version != head.version {
+            let line = format!(
+                "these results were begun by glebe {}; this is {}: worlds may differ in the last digits",
+                found.version, head.version
+            );
+            listener.warn(&line);
+            warnings.push(line);
+        }
+        return Ok(Opened { dir, journal, ended, warnings });
+    }
+    let dir = OutputDir::create(&settings.out, settings.existing == Existing::Replace)?;
+    if resumes {
+        listener.note("nothing was kept before the study ended: it begins again");
+    }
+    dir.write_study(text, &settings.sets)?;
+    let journal = Journal::create(&dir.journal(), &head)?;
+    Ok(Opened { dir, journal, ended: Vec::new(), warnings: Vec::new() })
+}
+
+/// A world that has ended, as it is journaled.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Row {
+    pub(crate) world: usize,
+    pub(crate) status: summary::Status,
+    pub(crate) reason: Option<String>,
+    pub(crate) state_hash: Option<String>,
+    pub(crate) particles: u64,
+    pub(crate) lost: u64,
+    pub(crate) stages: Vec<summary::Stage>,
+    pub(crate) doubts: Vec<String>,
+}
+
+impl Row {
+    pub(crate) fn not_run(world: usize, status: summary::Status, reason: String) -> Self {
+        let reason = Some(reason);
+        Self {
+            world,
+            status,
+            reason,
+            state_hash: None,
+            particles: 0,
+            lost: 0,
+            stages: Vec::new(),
+            doubts: Vec::new(),
+        }
+    }
+
+    /// What a world measured, if its stage ended.
+    pub(crate) fn measured(&self, stage: &str, name: &str) -> Option<summary::Measure> {
+        let stage = self.stages.iter().find(|s| s.name == stage)?;
+        stage.measures.get(name).copied()
+    }
+}
+
+/// A world that is to run, or why it cannot.
+pub(crate) struct Job {
+    pub(crate) world: usize,
+    pub(crate) made: Result<Made, String>,
+}
+
+/// Takes what worlds give, by their numbers in the study.
+pub(crate) trait Results {
+    /// A row of a world's series.
+    fn sample(&mut self, _world: usize, _sample: &Sample) {}
+    /// A world has ended, or could not be run.
+    fn ended(&mut self, row: Row, listener: &mut dyn Listener) -> Result<(), StudyError>;
+    /// How many worlds the study has, and how many of them have ended.
+    fn progress(&self) -> [usize; 2];
+}
+
+/// What runs the batches of a study.
+pub(crate) struct Ensemble<'a> {
+    pub(crate) settings: &'a Settings,
+    pub(crate) dir: OutputDir,
+    /// Whether worlds under way are kept. Those whose samples are used begin again instead.
+    pub(crate) keeps: bool,
+    /// Why the device was lost, if it was.
+    pub(crate) lost: Option<String>,
+    pub(crate) steps: u64,
+    pub(crate) particle_steps: f64,
+}
+
+impl<'a> Ensemble<'a> {
+    pub(crate) fn new(settings: &'a Settings, dir: OutputDir, keeps: bool) -> Self {
+        Self { settings, dir, keeps, lost: None, steps: 0, particle_steps: 0.0 }
+    }
+
+    /// Runs worlds to their ends, or until the user stops them; returns what was wrong on the way. `later` is the
+    /// most steps of batches to come.
+    pub(crate) fn run(
+        &mut self,
+        jobs: Vec<Job>,
+        later: u64,
+        results: &mut dyn Results,
+        listener: &mut dyn Listener,
+    ) -> Result<Vec<String>, StudyError> {
+        let (mut numbers, mut entrants) = (Vec::new(), Vec::new());
+        let mut hashes = Vec::new();
+        for Job { world, made } in jobs {
+            let hash = made.as_ref().map(|made| made.scene_hash.clone()).unwrap_or_default();
+            match made.and_then(|made| self.admit(world, made)) {
+                Ok(entrant) => {
+                    numbers.push(world);
+                    entrants.push(entrant);
+                    hashes.push(hash);
+                }
+                Err(reason) => {
+                    results.ended(Row::not_run(world, summary::Status::Refused, reason), listener)?;
+                }
+            }
+        }
+        let (mut drive, reused) = Drive::new(entrants, self.settings.backend, self.settings.beds.as_deref());
+        let all = numbers.len();
+        if !reused.is_empty() {
+            listener.note(&format!(
+                "{} of {all} worlds begin from settled beds of earlier runs; --no-cache computes them",
+                reused.len()
+            ));
+        }
+        let mut written = Instant::now();
+        let (mut shared, mut warnings) = (0, Vec::new());
+        while drive.batch().running() && !listener.interrupted() {
+            let Ok(events) = drive.advance(&mut Relay { numbers: &numbers, results: &mut *results });
+            for event in events {
+                match event {
+                    Event::Ended(k) => self.ended(&drive, k, numbers[k], results, listener)?,
+                    Event::Reused(..) => shared += 1,
+                    Event::NotKept(_, line) => {
+                        listener.warn(&line);
+                        warnings.push(line);
+                    }
+                    Event::StageEnded(..) => {}
+                }
+            }
+            let [worlds, ended] = results.progress();
+            listener.pulse(&Pulse { drive: &drive, kinetic: None, worlds, ended, later });
+            if written.elapsed() >= self.settings.checkpoint_every {
+                self.save(&drive, &numbers, &hashes)?;
+                written = Instant::now();
+            }
+        }
+        if shared > 0 {
+            listener.note(&format!("{shared} of {all} worlds began from the settled bed of another"));
+        }
+        self.save(&drive, &numbers, &hashes)?;
+        self.steps += drive.steps();
+        self.particle_steps += drive.particle_steps();
+        Ok(warnings)
+    }
+
+    /// A world with the state that it begins from, or why it cannot be run.
+    fn admit(&self, w: usize, made: Made) -> Result<(Arc<Constants>, State), String> {
+        if let Some(why) = self.settings.backend.refusal(std::slice::from_ref(&made.constants)) {
+            return Err(format!("{why}; run the study with --device cpu"));
+        }
+        let saved = checkpoint::kept(&self.checkpoint(w), &made.scene_hash);
+        let saved = saved.filter(|state| self.keeps && state.belongs_to(&made.constants).is_ok());
+        Ok((made.constants, saved.unwrap_or(made.state)))
+    }
+
+    fn ended(
+        &mut self,
+        drive: &Drive,
+        k: usize,
+        world: usize,
+        results: &mut dyn Results,
+        listener: &mut dyn Listener,
+    ) -> Result<(), StudyError> {
+        let outcome = drive.outcome(k);
+        let Some(state_hash) = outcome.state_hash else {
+            // The world is left: a device may be well again.
+            self.lost = outcome.reason;
+            return Ok(());
+        };
+        let (c, g) = (drive.batch().constants(k), drive.batch().progress(k));
+        let row = Row {
+            world,
+            status: outcome.status,
+            reason: outcome.reason,
+            state_hash: Some(state_hash),
+            particles: outcome.particles.count,
+            lost: outcome.particles.lost.len() as u64,
+            stages: outcome.stages,
+            doubts: g.results.iter().flat_map(|result| doubts(result, c)).collect(),
+        };
+        results.ended(row, listener)?;
+        match fs::remove_file(self.checkpoint(world)) {
+            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+                let path = self.checkpoint(world);
+                Err(OutputError::Io { path, action: "remove this file", source }.into())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Where the state of a world is kept while it has not ended.
+    fn checkpoint(&self, world: usize) -> PathBuf {
+        self.dir.checkpoints().join(format!("{world:06}.glebe"))
+    }
+
+    /// Keeps the states of worlds that are under way.
+    fn save(&self, drive: &Drive, numbers: &[usize], hashes: &[String]) -> Result<(), StudyError> {
+        let batch = drive.batch();
+        for (k, (&world, scene_hash)) in numbers.iter().zip(hashes).enumerate() {
+            let g = batch.progress(k);
+            if !self.keeps || *batch.status(k) != Status::Running || g.step == 0 {
+                continue;
+            }
+            let Ok(state) = batch.sound_state(k) else { continue };
+            let header = Header {
+                glebe_version: env!("CARGO_PKG_VERSION").to_owned(),
+                scene_hash: scene_hash.clone(),
+                step: g.step,
+                time: batch.time(k),
+                device: batch.backend().maker(),
+                ..Header::default()
+            };
+            checkpoint::keep(&self.checkpoint(world), &header, &state)?;
+        }
+        Ok(())
+    }
+
+    /// Removes the folder of states when no world is left; only if it is empty.
+    pub(crate) fn tidy(&self) {
+        let _ = fs::remove_dir(self.dir.checkpoints());
+    }
+}
+
+/// Passes samples on under the numbers that worlds have in the study.
+struct Relay<'a> {
+    numbers: &'a [usize],
+    results: &'a mut dyn Results,
+}
+
+impl Observer for Relay<'_> {
+    type Error = Infallible;
+    fn sample(&mut self, k: usize, sample: &Sample) -> Result<(), Infallible> {
+        self.results.sample(self.numbers[k], sample);
+        Ok(())
+    }
+    fn wants_frames(&self) -> bool {
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn batches_are_as_few_as_memory_holds_or_as_many_as_asked_for() {
+        let all: Vec<(usize, usize)> = (0..5).map(|w| (w, 1000)).collect();
+        let of_worlds = |n: f64| Some((2.0 * n * 1000.0 * BYTES) as u64);
+        assert_eq!(batches(&all, None, None), [[0, 1, 2, 3, 4]]);
+        assert_eq!(batches(&all, None, of_worlds(2.5)), [vec![0, 1], vec![2, 3], vec![4]]);
+        assert_eq!(batches(&all, Some(2), of_worlds(1.0)), [vec![0, 1, 2], vec![3, 4]]);
+        assert_eq!(batches(&[(1, 1000), (4, 1000)], Some(9), None), [[1], [4]]);
+        assert_eq!(batches(&[], Some(2), None), Vec::<Vec<usize>>::new());
+        // One that is larger than the memory is tried alone.
+        let large: Vec<(usize, usize)> = (0..5).map(|w| (w, if w == 1 { 9000 } else { 1000 })).collect();
+        assert_eq!(batches(&large, None, of_worlds(2.5)), [vec![0], vec![1], vec![2, 3], vec![4]]);
+    }
+}
