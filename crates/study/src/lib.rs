@@ -25,6 +25,7 @@ pub mod drive;
 mod ensemble;
 pub mod fit;
 pub mod sample;
+pub mod search;
 pub mod sweep;
 
 pub use beds::default_folder as default_bed_folder;
