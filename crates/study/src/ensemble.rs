@@ -180,6 +180,16 @@ pub(crate) fn told_once(said: BTreeMap<String, Vec<usize>>, all: usize) -> Vec<S
     said.into_iter().map(told).collect()
 }
 
+/// Four digits of a number.
+pub(crate) fn short(x: f64) -> String {
+    if x == 0.0 || (1e-3..1e5).contains(&x.abs()) {
+        let decimals = (3 - x.abs().max(1e-3).log10().floor() as i32).clamp(0, 6) as usize;
+        format!("{x:.decimals$}")
+    } else {
+        format!("{x:.3e}")
+    }
+}
+
 /// The worlds of each batch: of those given with their particles, in order, as many as memory \[bytes\] holds, or in
 /// as many batches as asked for.
 pub(crate) fn batches(

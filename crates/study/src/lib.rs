@@ -20,6 +20,7 @@
 #![forbid(unsafe_code)]
 
 mod beds;
+pub mod calibrate;
 mod digest;
 pub mod drive;
 mod ensemble;

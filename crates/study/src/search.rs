@@ -25,6 +25,9 @@ pub trait Search {
     /// The costs of these points, in their order; infinite where there is none.
     fn tell(&mut self, costs: &[f64]);
 
+    /// The costs of those that the search goes on from.
+    fn costs(&self) -> Vec<f64>;
+
     /// What is known of the distribution of the point, from a search for that.
     fn posterior(&self) -> Option<&Posterior> {
         None

@@ -26,6 +26,7 @@ pub struct CmaEs {
     rounds: i32,
     /// Of the points asked for: (point - mean) / step.
     moves: Vec<Vec<f64>>,
+    costs: Vec<f64>,
 }
 
 impl CmaEs {
@@ -53,6 +54,7 @@ impl CmaEs {
             path_s: vec![0.0; dimensions],
             rounds: 0,
             moves: Vec::new(),
+            costs: Vec::new(),
         }
     }
 }
@@ -72,7 +74,12 @@ impl Search for CmaEs {
         self.moves.iter().map(point).collect()
     }
 
+    fn costs(&self) -> Vec<f64> {
+        self.costs.clone()
+    }
+
     fn tell(&mut self, costs: &[f64]) {
+        self.costs = costs.to_vec();
         if costs.iter().all(|cost| cost.is_infinite()) {
             return;
         }

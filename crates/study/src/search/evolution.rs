@@ -121,6 +121,10 @@ impl Search for DifferentialEvolution {
             }
         }
     }
+
+    fn costs(&self) -> Vec<f64> {
+        self.agents.iter().map(|agent| agent.cost).collect()
+    }
 }
 
 #[cfg(test)]

@@ -37,6 +37,7 @@ pub struct Filter {
     rounds: u64,
     proposal: Option<Proposal>,
     points: Vec<Vec<f64>>,
+    costs: Vec<f64>,
     posterior: Option<Posterior>,
 }
 
@@ -111,6 +112,7 @@ impl Filter {
             rounds: 0,
             proposal: None,
             points: Vec::new(),
+            costs: Vec::new(),
             posterior: None,
         }
     }
@@ -199,7 +201,12 @@ impl Search for Filter {
         self.points.clone()
     }
 
+    fn costs(&self) -> Vec<f64> {
+        self.costs.clone()
+    }
+
     fn tell(&mut self, costs: &[f64]) {
+        self.costs = costs.to_vec();
         let told = self.points.iter().zip(costs).filter(|(_, cost)| cost.is_finite());
         let (points, logs): (Vec<Vec<f64>>, Vec<(f64, f64)>) =
             told.map(|(x, cost)| (x.clone(), (self.weight * cost * cost, self.log_proposed(x)))).unzip();

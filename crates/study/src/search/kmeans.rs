@@ -2,13 +2,15 @@
 
 use glebe_engine::generate::{Purpose, Rng};
 
+use super::matrix::{Eigen, dot, mean_and_covariance};
+
 /// Most clusters that are looked for.
 const MOST: usize = 8;
 /// Beginnings for each number of clusters.
 const STARTS: usize = 8;
 const ROUNDS: usize = 100;
-/// Below this silhouette there is no structure (Kaufman and Rousseeuw 1990, table 4 of chapter 2).
-const LEAST_SILHOUETTE: f64 = 0.25;
+/// Sets of even points that clusters are compared with.
+const REFERENCES: usize = 10;
 
 /// Points in clusters, the largest first.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,21 +23,52 @@ pub struct Clusters {
     pub silhouette: f64,
 }
 
-/// The clusters of points, by k-means (Lloyd 1982, begun as k-means++) for each number from 2 to 8; the number is that of
-/// the largest silhouette, or one cluster if that is small.
+/// The clusters of points, by k-means (Lloyd 1982, begun as k-means++) for each number from 2 to 8. Taken is the number of
+/// the largest silhouette among those at which points are further apart than chance would have it if they lay evenly in
+/// their box along the principal axes, the reference of the gap statistic (Tibshirani, Walther and Hastie 2001); one
+/// cluster if there is none.
 pub fn clusters(points: &[Vec<f64>], seed: u64) -> Clusters {
     let mut best = Clusters { of: vec![0; points.len()], count: points.len().min(1), silhouette: 0.0 };
-    let mut least = LEAST_SILHOUETTE;
+    let references: Vec<Vec<Vec<f64>>> =
+        (1..=REFERENCES as u64).map(|k| even(points, seed.wrapping_add(k))).collect();
     // A cluster of one point says nothing.
     for k in 2..=MOST.min(points.len() / 2) {
         let of = k_means(points, k, seed);
-        let silhouette = silhouette(points, &of, k);
-        if silhouette > least {
-            least = silhouette;
-            best = Clusters { of, count: k, silhouette };
+        let found = silhouette(points, &of, k);
+        if found > best.silhouette && found > chance(&references, k, seed) {
+            best = Clusters { of, count: k, silhouette: found };
         }
     }
     by_size(&best)
+}
+
+/// A silhouette that even points do not reach by chance: four standard deviations above their mean.
+fn chance(references: &[Vec<Vec<f64>>], k: usize, seed: u64) -> f64 {
+    let all: Vec<f64> = references.iter().map(|even| silhouette(even, &k_means(even, k, seed), k)).collect();
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    let variance = all.iter().map(|s| (s - mean) * (s - mean)).sum::<f64>() / (all.len() - 1) as f64;
+    mean + 4.0 * variance.sqrt()
+}
+
+/// As many points, evenly at random in the box of these along their principal axes.
+fn even(points: &[Vec<f64>], seed: u64) -> Vec<Vec<f64>> {
+    let mut rng = Rng::new(seed, Purpose::Samples);
+    let axes =
+        Eigen::of(&mean_and_covariance(points, &vec![1.0 / points.len() as f64; points.len()]).1).vectors;
+    let spans: Vec<[f64; 2]> = axes
+        .iter()
+        .map(|axis| {
+            points
+                .iter()
+                .map(|x| dot(x, axis))
+                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], y| [low.min(y), high.max(y)])
+        })
+        .collect();
+    let mut point = || {
+        let along: Vec<f64> = spans.iter().map(|[low, high]| low + (high - low) * rng.unit()).collect();
+        (0..axes.len()).map(|k| along.iter().zip(&axes).map(|(y, axis)| y * axis[k]).sum()).collect()
+    };
+    points.iter().map(|_| point()).collect()
 }
 
 /// The same clusters in the order of their sizes.
@@ -149,10 +182,20 @@ mod tests {
     }
 
     #[test]
-    fn one_cloud_is_one_cluster() {
+    fn one_cloud_is_one_cluster_whatever_its_shape() {
         let mut rng = Rng::new(3, Purpose::Samples);
-        let found = clusters(&cloud(&mut rng, 60, &[0.5; 6], 0.1), 1);
-        assert_eq!((found.count, found.silhouette), (1, 0.0));
+        let mut clouds = vec![cloud(&mut rng, 60, &[0.5; 6], 0.1), cloud(&mut rng, 200, &[0.5; 2], 0.1)];
+        clouds.push((0..150).map(|_| vec![0.5 * rng.unit(), rng.unit()]).collect());
+        // A valley.
+        let mut valley = |_| {
+            let u = rng.unit();
+            vec![u, 1.0 - u + 0.01 * rng.normal()]
+        };
+        clouds.push((0..150).map(&mut valley).collect());
+        for points in clouds {
+            let found = clusters(&points, 1);
+            assert_eq!((found.count, found.silhouette), (1, 0.0));
+        }
         assert_eq!(clusters(&[], 1).count, 0);
         assert_eq!(clusters(&[vec![0.3], vec![0.3]], 1).count, 1);
     }

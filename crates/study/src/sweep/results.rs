@@ -9,7 +9,7 @@ use glebe_report::{Axis, Plot, Series, Style};
 use serde::Serialize;
 
 use super::{Measure, Row, StudyError, Sweep};
-use crate::ensemble::{Ensemble, told_once};
+use crate::ensemble::{Ensemble, short, told_once};
 use crate::fit::{Fit, linear, power};
 
 /// Points by which a curve is drawn.
@@ -289,16 +289,6 @@ impl Sweep<'_> {
 
 fn of(x: &[f64], curve: impl Fn(f64) -> f64) -> Vec<f64> {
     x.iter().map(|x| curve(*x)).collect()
-}
-
-/// Four digits of a number.
-fn short(x: f64) -> String {
-    if x == 0.0 || (1e-3..1e5).contains(&x.abs()) {
-        let decimals = (3 - x.abs().max(1e-3).log10().floor() as i32).clamp(0, 6) as usize;
-        format!("{x:.decimals$}")
-    } else {
-        format!("{x:.3e}")
-    }
 }
 
 /// How a status is written in tables.
