@@ -161,7 +161,8 @@ impl Calibrator<'_> {
             let worlds = (stop.rounds - round) * points.len();
             let most = stop.evaluations.map_or(worlds, |most| worlds.min(most));
             self.work.expected = (self.evaluations.len() + most) * self.plan.calibration.experiments.len();
-            if stop.evaluations.is_some_and(|most| self.evaluations.len() + points.len() > most) {
+            let beyond = |most| round > 0 && self.evaluations.len() + points.len() > most;
+            if stop.evaluations.is_some_and(beyond) {
                 return Ok(End::Evaluations);
             }
             let later = (most.saturating_sub(points.len())) as u64 * self.plan.steps;

@@ -2,7 +2,8 @@
 //!
 //! [`drive`] takes the worlds of a batch through their stages: a single run is a batch of one. It keeps settled
 //! beds, so that worlds which share their first stages settle once. [`sample`] chooses the worlds of a study, [`sweep`]
-//! runs them, [`fit`] draws curves through what they measured.
+//! runs them, [`fit`] draws curves through what they measured. [`search`] looks for the least cost and for distributions,
+//! [`calibrate`] finds parameters for which worlds measure what was measured.
 //!
 //! ```no_run
 //! use std::path::Path;

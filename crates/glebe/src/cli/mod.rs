@@ -3,6 +3,7 @@
 //! A verb is a module with `Args` (which hold its help) and `fn run(Args, &Ui) -> Result<Ended, Problem>`.
 
 mod bar;
+mod calibrate;
 mod check;
 mod devices;
 mod new;
@@ -34,6 +35,7 @@ Examples:
   glebe run field/scene.toml           runs it; results go to `field/out`
   glebe run field/scene.toml --resume  goes on after an interruption
   glebe sweep field/study.toml         many variants of a scene
+  glebe calibrate fit/study.toml       parameters that give what was measured
 
 Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 interrupted (--resume continues).";
 
@@ -43,17 +45,19 @@ enum Verb {
     Check(check::Args),
     Run(run::Args),
     Sweep(sweep::Args),
+    Calibrate(calibrate::Args),
     Validate(crate::validate::ValidateArgs),
     Bench(crate::bench::BenchArgs),
     Devices(devices::Args),
-    /// Prints the JSON Schema of scene or study files, for editors
+    /// Prints the JSON Schema of scene, study or calibration files, for editors
     #[command(after_help = "\
 Examples:
   glebe schema > scene.schema.json     then put `#:schema scene.schema.json` at the top of scene.toml
-  glebe schema study")]
+  glebe schema study
+  glebe schema calibration")]
     Schema {
         /// Which files
-        #[arg(default_value = "scene", value_parser = ["scene", "study"])]
+        #[arg(default_value = "scene", value_parser = ["scene", "study", "calibration"])]
         of: String,
     },
     /// Prints completions for a shell
@@ -82,6 +86,7 @@ pub fn main() -> ExitCode {
         Verb::Check(args) => check::run(&args, &ui),
         Verb::Run(args) => run::run(&args, &ui),
         Verb::Sweep(args) => sweep::run(&args, &ui),
+        Verb::Calibrate(args) => calibrate::run(&args, &ui),
         Verb::Validate(args) => validate(&args, &ui),
         Verb::Bench(args) => match crate::bench::run(&args, &ui) {
             Ok(()) => Ok(Ended::Done),
@@ -93,7 +98,11 @@ pub fn main() -> ExitCode {
             Ok(Ended::Done)
         }
         Verb::Schema { of } => {
-            let schema = if of == "study" { glebe_io::study::schema() } else { glebe_io::scene::schema() };
+            let schema = match of.as_str() {
+                "study" => glebe_io::study::schema(),
+                "calibration" => glebe_io::study::calibration_schema(),
+                _ => glebe_io::scene::schema(),
+            };
             ui.print(&format!("{schema:#}"));
             Ok(Ended::Done)
         }

@@ -17,7 +17,8 @@ Examples:
   glebe new field                      the full-size tillage scene: minutes on two cores
   glebe new field --quick              a coarse one: within a minute
   glebe new mill --template drum
-  glebe new field --template sweep     a study: many variants of a scene")]
+  glebe new field --template sweep     a study: many variants of a scene
+  glebe new soil --template calibration --quick     parameters that give what was measured")]
 pub(super) struct Args {
     /// The folder to make
     name: PathBuf,
@@ -49,7 +50,8 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     fs::create_dir_all(folder)
         .map_err(|e| Problem::Input(format!("the folder {} cannot be made: {e}", folder.display())))?;
     let files = template.write(folder, args.quick).map_err(|e| failed(&e))?;
-    let (verb, file) = if files.contains(&STUDY) { ("sweep", STUDY) } else { ("run", SCENE) };
+    let verb = template.verb();
+    let file = if files.contains(&STUDY) { STUDY } else { SCENE };
     let value = json!({ "status": "ok", "folder": folder, "template": template.name, "files": files });
     let text = format!(
         "{}: {} ({})\nRun it:  glebe {verb} {}",

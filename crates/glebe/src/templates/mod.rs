@@ -5,6 +5,7 @@ use std::path::Path;
 
 use glebe_io::mesh::{StlFormat, write_stl};
 use glebe_io::output::OutputError;
+use glebe_io::study::Calibration;
 use glebe_io::tool::Sweep;
 
 /// Name of the scene file.
@@ -120,6 +121,22 @@ pub const TEMPLATES: &[Template] = &[
         sweep: None,
         study: Some(include_str!("sweep.toml")),
     },
+    Template {
+        name: "calibration",
+        summary: "a calibration: the soil for which a blade takes the draught forces that were measured",
+        text: include_str!("blade.toml"),
+        values: &[
+            ("small", "", ", in a size that ends within some minutes"),
+            ("title", "A blade in dry soil", "A blade in dry soil, coarse"),
+            ("step", "50 us", "80 us"),
+            ("count", "13000", "1700"),
+            ("radius", "\"4 mm\", \"5 mm\"", "\"8 mm\", \"10 mm\""),
+            ("population", "20", "6"),
+            ("rounds", "30", "4"),
+        ],
+        sweep: None,
+        study: Some(include_str!("calibration.toml")),
+    },
 ];
 
 impl Template {
@@ -131,6 +148,15 @@ impl Template {
     /// The scene file.
     pub fn scene(&self, quick: bool) -> String {
         self.filled(self.text, quick)
+    }
+
+    /// The verb that runs it.
+    pub fn verb(&self) -> &'static str {
+        match self.study(true) {
+            None => "run",
+            Some(text) if Calibration::is_meant(&text) => "calibrate",
+            Some(_) => "sweep",
+        }
     }
 
     /// The study file, if it is a study.

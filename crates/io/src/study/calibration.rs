@@ -176,7 +176,7 @@ impl Method {
 pub struct Stop {
     /// So many rounds are done, the first included.
     pub rounds: usize,
-    /// Another round would need more evaluations than this.
+    /// Another round, after the first, would need more evaluations than this.
     pub evaluations: Option<usize>,
     /// A cost is not above this.
     pub cost: Option<f64>,

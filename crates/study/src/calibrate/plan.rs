@@ -75,7 +75,8 @@ impl Plan {
     pub fn evaluations(&self) -> (usize, usize) {
         let c = &self.calibration;
         let round = searcher(self).ask().len();
-        let most = c.stop.evaluations.unwrap_or(usize::MAX).min(c.stop.rounds.saturating_mul(round));
+        let most =
+            c.stop.evaluations.unwrap_or(usize::MAX).max(round).min(c.stop.rounds.saturating_mul(round));
         (round, most + if self.probes() { 2 * c.free.len() } else { 0 })
     }
 

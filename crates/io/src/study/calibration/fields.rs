@@ -167,9 +167,13 @@ static STOP: TableSpec = TableSpec {
             .optional("45 of differential evolution, 100 of CMA-ES, 5 of the filter")
             .at_least(1.0)
             .at_most(MOST),
-        Field::new("evaluations", Kind::Integer, "The most evaluations.")
-            .optional("as many as the rounds take")
-            .at_least(1.0),
+        Field::new(
+            "evaluations",
+            Kind::Integer,
+            "The most evaluations; the first round is run whatever it takes.",
+        )
+        .optional("as many as the rounds take")
+        .at_least(1.0),
         Field::new("cost", NUMBER, "A cost that is low enough, in scatters of the targets.")
             .optional("none is")
             .at_least(0.0),
