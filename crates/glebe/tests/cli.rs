@@ -260,7 +260,9 @@ fn completions_name_the_verbs() {
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
         let place = Place::new();
         let ended = place.glebe(&["completions", shell]);
-        for verb in ["new", "check", "run", "sweep", "validate", "bench", "devices", "schema"] {
+        for verb in
+            ["new", "check", "run", "sweep", "rve", "calibrate", "validate", "bench", "devices", "schema"]
+        {
             assert!(ended.expect(0).stdout.contains(verb), "{shell} does not complete `{verb}`");
         }
     }
@@ -269,7 +271,19 @@ fn completions_name_the_verbs() {
 #[test]
 fn help_comes_with_examples_on_every_verb() {
     let place = Place::new();
-    for verb in ["new", "check", "run", "sweep", "validate", "bench", "devices", "schema", "completions"] {
+    for verb in [
+        "new",
+        "check",
+        "run",
+        "sweep",
+        "rve",
+        "calibrate",
+        "validate",
+        "bench",
+        "devices",
+        "schema",
+        "completions",
+    ] {
         let ended = place.glebe(&[verb, "--help"]);
         assert!(ended.expect(0).stdout.contains(&format!("glebe {verb}")), "{verb}");
         assert!(ended.stdout.contains("Example"), "{verb}:\n{}", ended.stdout);
@@ -281,7 +295,7 @@ fn help_comes_with_examples_on_every_verb() {
 #[test]
 fn new_makes_scenes_that_check_and_overwrites_nothing() {
     let place = Place::new();
-    for template in ["tillage", "drum", "silo", "deposition", "triaxial", "sweep"] {
+    for template in ["tillage", "drum", "silo", "deposition", "triaxial", "sweep", "rve", "calibration"] {
         for (quick, most) in [(false, 40_000), (true, 6_000)] {
             let name = format!("{template}{most}");
             let args = ["new", &name, "--template", template, "--quick"];

@@ -15,15 +15,21 @@ fn json(output: &Output) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
+/// Those that run here. A6 takes a minute on two cores by itself; `glebe validate --quick` runs it too.
+const CASES: [&str; 9] = ["A1", "A2", "A3", "A4", "A7", "B1", "B10", "B11", "P1"];
+
 #[test]
-fn all_cases_pass_in_quick_size() {
+fn cases_pass_in_quick_size() {
     let folder = TempDir::new().unwrap();
     let out = folder.path().join("figures");
-    let run = glebe(&["validate", "--quick", "--json", "--out", out.to_str().unwrap()]);
+    let run =
+        glebe(&[&["validate", "--quick", "--json", "--out", out.to_str().unwrap()], &CASES[..]].concat());
+    let all: Vec<&str> = glebe::validate::cases().iter().map(|c| c.id).collect();
+    assert_eq!(all.iter().filter(|id| !CASES.contains(id)).collect::<Vec<_>>(), [&"A6"]);
     let result = json(&run);
     let cases = result["cases"].as_array().unwrap();
     let ids: Vec<_> = cases.iter().map(|c| c["id"].as_str().unwrap()).collect();
-    assert_eq!(ids, ["A1", "A2", "A3", "A4", "A7", "B1", "B10", "B11", "P1"]);
+    assert_eq!(ids, CASES);
     for case in cases {
         let metrics = case["metrics"].as_object().unwrap();
         assert!(!metrics.is_empty(), "{case:#}");

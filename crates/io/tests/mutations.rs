@@ -14,7 +14,7 @@ use glebe_engine::state::State;
 use glebe_io::checkpoint::{self, Header};
 use glebe_io::mesh::{self, Transform};
 use glebe_io::scene::Scene;
-use glebe_io::study::Study;
+use glebe_io::study::{Calibration, Study};
 use glebe_io::{particles, poses};
 use sha2::{Digest, Sha256};
 
@@ -159,6 +159,12 @@ fn study_is_read(bytes: &[u8]) -> bool {
     str::from_utf8(bytes).is_ok_and(|text| Study::parse("study.toml", text, &folder, &[]).is_ok())
 }
 
+/// Over a scene of the seeds.
+fn calibration_is_read(bytes: &[u8]) -> bool {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/seeds/scene");
+    str::from_utf8(bytes).is_ok_and(|text| Calibration::parse("study.toml", text, &folder, &[]).is_ok())
+}
+
 /// With the right checksum: it shields what is behind it from chance, but somebody who means ill gets it right.
 fn checkpoint_is_read(bytes: &[u8]) -> bool {
     let signed = [bytes, Sha256::digest(bytes).as_slice()].concat();
@@ -173,6 +179,7 @@ fn scenes() {
 #[test]
 fn studies() {
     torment("study", &seeds("study"), study_is_read);
+    torment("calibration", &seeds("calibration"), calibration_is_read);
 }
 
 #[test]

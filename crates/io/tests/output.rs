@@ -209,6 +209,20 @@ mod dir {
     }
 
     #[test]
+    fn scenes_that_it_wrote_are_replaced_and_no_others() {
+        let path = folder("scenes");
+        let dir = OutputDir::create(&path, false).unwrap();
+        let written = dir.write_scene("best", "seed = 1\n", "the best\nof all").unwrap();
+        assert_eq!(fs::read_to_string(&written).unwrap(), "# written by glebe: the best of all\nseed = 1\n");
+        dir.write_scene("best", "seed = 2\n", "another").unwrap();
+        touch(&path.join("mine.toml"), "seed = 3\n");
+        assert!(matches!(dir.write_scene("mine", "", ""), Err(OutputError::Foreign { .. })));
+        touch(&path.join("evaluations.csv"), "");
+        OutputDir::create(&path, true).unwrap();
+        assert_eq!(files(&path), ["mine.toml"]);
+    }
+
+    #[test]
     fn the_copy_of_a_study_is_known_again_and_no_other_is_touched() {
         let path = folder("study");
         let study = path.join("study.toml");

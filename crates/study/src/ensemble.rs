@@ -1,23 +1,31 @@
-//! What studies have in common: their settings, the folder with its journal, batches, and worlds under way.
+//! What studies have in common: their settings, the folder with its journal, worlds made of scenes, batches that memory
+//! holds, and what takes the worlds of a batch to their ends. States of worlds under way are kept, so that a study which
+//! was stopped goes on.
 
+use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Observer, Status};
+use glebe_engine::spec::Component;
+use glebe_engine::state::State;
+use glebe_engine::{Constants, prepare};
 use glebe_io::checkpoint::{self, CheckpointError, Header};
-use glebe_io::output::{Existing, Journal, OutputDir, OutputError};
-use glebe_io::study::Study;
+use glebe_io::output::{Existing, Journal, OutputDir, OutputError, summary};
+use glebe_io::scene::{Scene, SceneError};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::drive::{Drive, Event, Listener, Pulse};
+use crate::digest::scene_hash;
+use crate::drive::{Drive, Event, Listener, Pulse, doubts};
 
 /// Memory that a particle takes in a batch, its lists and what it was made from included \[bytes\]; see the table of
 /// rates in the README.
-pub(crate) const BYTES: f64 = 1500.0;
+const BYTES: f64 = 1500.0;
 
 /// How a study is to be done.
 #[derive(Clone, Debug)]
@@ -104,64 +112,83 @@ impl StudyError {
     }
 }
 
-/// The first line of a journal.
-#[derive(Debug, Serialize, Deserialize)]
-struct Head {
-    version: String,
-    study_hash: String,
-    device: String,
+/// A number that worlds measure.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Measure {
+    /// The stage.
+    pub stage: String,
+    /// Its name.
+    pub name: String,
+    /// Its SI unit.
+    pub unit: &'static str,
 }
 
-/// The folder of a study, to be written into.
-pub(crate) struct Opened<E> {
-    pub(crate) dir: OutputDir,
-    pub(crate) journal: Journal,
-    /// What was journaled earlier; none if the study begins.
-    pub(crate) entries: Option<Vec<E>>,
+impl Measure {
+    /// `till.draught_force`
+    pub fn full_name(&self) -> String {
+        format!("{}.{}", self.stage, self.name)
+    }
+}
+
+/// What a world measures, by stage.
+pub(crate) fn measures(c: &Constants) -> Vec<Measure> {
+    let of_stage = |stage: &glebe_engine::spec::Stage| {
+        let name = stage.name.clone();
+        let measure = move |m: &glebe_engine::spec::Measure| Measure {
+            stage: name.clone(),
+            name: m.name.clone(),
+            unit: if matches!(m.component, Component::Torque(_)) { "N m" } else { "N" },
+        };
+        stage.measures.iter().map(measure).collect::<Vec<_>>()
+    };
+    c.spec.stages.iter().flat_map(of_stage).collect()
+}
+
+/// A world that was set up.
+pub(crate) struct Made {
+    pub(crate) constants: Arc<Constants>,
+    pub(crate) state: State,
+    pub(crate) scene_hash: String,
     pub(crate) warnings: Vec<String>,
 }
 
-/// Makes the folder of a study, or opens it with what was journaled there. `hash` is a digest of all its worlds.
-pub(crate) fn open<E: DeserializeOwned>(
-    study: &Study,
-    hash: &str,
-    settings: &Settings,
-    listener: &mut dyn Listener,
-) -> Result<Opened<E>, StudyError> {
-    let head = Head {
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        study_hash: hash.to_owned(),
-        device: settings.backend.maker(),
+/// The world of a scene file, whose text is known, with arguments of `--set`.
+pub(crate) fn make(file: &Path, text: &str, sets: &[String]) -> Result<Made, Vec<SceneError>> {
+    let scene = Scene::parse(&file.display().to_string(), text, sets)?;
+    let built = scene.build(file.parent().unwrap_or(Path::new("")))?;
+    let (constants, state) = prepare(built.world.clone()).map_err(|e| vec![built.locate(&e)])?;
+    let scene_hash = scene_hash(&constants, &state);
+    let warnings = built.warnings.iter().map(ToString::to_string).chain(constants.warnings.clone()).collect();
+    Ok(Made { constants, state, scene_hash, warnings })
+}
+
+/// Why a world cannot be set up, in a line.
+pub fn reason(errors: &[SceneError]) -> String {
+    let one = |error: &SceneError| match error.advice() {
+        Some(advice) => format!("{error} ({advice})"),
+        None => error.to_string(),
     };
-    let mut warnings = Vec::new();
-    let vacant = OutputDir::is_vacant(&settings.out)?;
-    if settings.existing == Existing::Resume && !vacant {
-        let dir = OutputDir::open_study(&settings.out)?;
-        let path = dir.journal();
-        let (found, entries, journal) = Journal::resume::<Head, E>(&path)?;
-        if found.study_hash != head.study_hash {
-            return Err(StudyError::OtherStudy { path });
-        }
-        if found.device != head.device {
-            return Err(StudyError::OtherDevice { path, found: found.device, given: head.device });
-        }
-        if found.version != head.version {
-            let line = format!(
-                "these results were begun by glebe {}; this is {}: worlds may differ in the last digits",
-                found.version, head.version
-            );
-            listener.warn(&line);
-            warnings.push(line);
-        }
-        return Ok(Opened { dir, journal, entries: Some(entries), warnings });
+    errors.iter().map(one).collect::<Vec<_>>().join("; ")
+}
+
+/// What was said of some of `all` worlds, each once.
+pub(crate) fn told_once(said: BTreeMap<String, Vec<usize>>, all: usize) -> Vec<String> {
+    let told = |(text, worlds): (String, Vec<usize>)| match worlds[..] {
+        [w] => format!("world {w}: {text}"),
+        _ if worlds.len() == all => format!("all worlds: {text}"),
+        _ => format!("{} worlds, the first is {}: {text}", worlds.len(), worlds[0]),
+    };
+    said.into_iter().map(told).collect()
+}
+
+/// Four digits of a number.
+pub(crate) fn short(x: f64) -> String {
+    if x == 0.0 || (1e-3..1e5).contains(&x.abs()) {
+        let decimals = (3 - x.abs().max(1e-3).log10().floor() as i32).clamp(0, 6) as usize;
+        format!("{x:.decimals$}")
+    } else {
+        format!("{x:.3e}")
     }
-    let dir = OutputDir::create(&settings.out, settings.existing == Existing::Replace)?;
-    if settings.existing == Existing::Resume {
-        listener.note("nothing was kept before the study ended: it begins again");
-    }
-    dir.write_study(&study.text, &settings.sets)?;
-    let journal = Journal::create(&dir.journal(), &head)?;
-    Ok(Opened { dir, journal, entries: None, warnings })
 }
 
 /// The worlds of each batch: of those given, in order, as many as memory holds, or in as many batches as asked for.
@@ -198,6 +225,116 @@ pub(crate) fn divide(
     batches
 }
 
+/// The first line of a journal.
+#[derive(Debug, Serialize, Deserialize)]
+struct Head {
+    version: String,
+    study_hash: String,
+    device: String,
+}
+
+/// The folder of a study, to be written into.
+pub(crate) struct Opened<E> {
+    pub(crate) dir: OutputDir,
+    pub(crate) journal: Journal,
+    /// What was journaled earlier; none if the study begins.
+    pub(crate) entries: Option<Vec<E>>,
+    pub(crate) warnings: Vec<String>,
+}
+
+/// Makes the folder of a study, or opens it with what was journaled there. `text` is its file, `hash` a
+/// digest of all its worlds.
+pub(crate) fn open<E: DeserializeOwned>(
+    text: &str,
+    hash: &str,
+    settings: &Settings,
+    listener: &mut dyn Listener,
+) -> Result<Opened<E>, StudyError> {
+    let head = Head {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        study_hash: hash.to_owned(),
+        device: settings.backend.maker(),
+    };
+    let mut warnings = Vec::new();
+    let vacant = OutputDir::is_vacant(&settings.out)?;
+    if settings.existing == Existing::Resume && !vacant {
+        let dir = OutputDir::open_study(&settings.out)?;
+        let path = dir.journal();
+        let (found, entries, journal) = Journal::resume::<Head, E>(&path)?;
+        if found.study_hash != head.study_hash {
+            return Err(StudyError::OtherStudy { path });
+        }
+        if found.device != head.device {
+            return Err(StudyError::OtherDevice { path, found: found.device, given: head.device });
+        }
+        if found.version != head.version {
+            let line = format!(
+                "these results were begun by glebe {}; this is {}: worlds may differ in the last digits",
+                found.version, head.version
+            );
+            listener.warn(&line);
+            warnings.push(line);
+        }
+        return Ok(Opened { dir, journal, entries: Some(entries), warnings });
+    }
+    let dir = OutputDir::create(&settings.out, settings.existing == Existing::Replace)?;
+    if settings.existing == Existing::Resume {
+        listener.note("nothing was kept before the study ended: it begins again");
+    }
+    dir.write_study(text, &settings.sets)?;
+    let journal = Journal::create(&dir.journal(), &head)?;
+    Ok(Opened { dir, journal, entries: None, warnings })
+}
+
+/// A world that has ended, as it is journaled.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Row {
+    pub(crate) world: usize,
+    pub(crate) status: summary::Status,
+    pub(crate) reason: Option<String>,
+    pub(crate) state_hash: Option<String>,
+    pub(crate) particles: u64,
+    pub(crate) lost: u64,
+    pub(crate) stages: Vec<summary::Stage>,
+    pub(crate) doubts: Vec<String>,
+}
+
+impl Row {
+    pub(crate) fn not_run(world: usize, status: summary::Status, reason: String) -> Self {
+        let reason = Some(reason);
+        Self {
+            world,
+            status,
+            reason,
+            state_hash: None,
+            particles: 0,
+            lost: 0,
+            stages: Vec::new(),
+            doubts: Vec::new(),
+        }
+    }
+
+    /// What a world measured, if its stage ended.
+    pub(crate) fn measured(&self, stage: &str, name: &str) -> Option<summary::Measure> {
+        let stage = self.stages.iter().find(|s| s.name == stage)?;
+        stage.measures.get(name).copied()
+    }
+}
+
+/// A world that is to run, or why it cannot.
+pub(crate) struct Job {
+    pub(crate) world: usize,
+    pub(crate) made: Result<Made, String>,
+}
+
+/// Takes what worlds give, by their numbers in the study.
+pub(crate) trait Results {
+    /// A world has ended, or could not be run.
+    fn ended(&mut self, row: Row, listener: &mut dyn Listener) -> Result<(), StudyError>;
+    /// How many worlds the study has, and how many of them have ended.
+    fn progress(&self) -> [usize; 2];
+}
+
 /// Follows the worlds of a batch to their ends.
 pub(crate) trait Follower: Observer<Error = Infallible> {
     /// Something happened to a world.
@@ -207,8 +344,8 @@ pub(crate) trait Follower: Observer<Error = Infallible> {
         event: Event,
         listener: &mut dyn Listener,
     ) -> Result<(), StudyError>;
-    /// How many worlds have ended, of how many, those of other batches included.
-    fn ended(&self) -> [usize; 2];
+    /// How many worlds the study has, and how many of them have ended; those of other batches are included.
+    fn progress(&self) -> [usize; 2];
     /// Keeps what worlds under way need to be resumed.
     fn save(&mut self, drive: &Drive) -> Result<(), StudyError>;
 }
@@ -227,7 +364,7 @@ pub(crate) fn follow(
         for event in events {
             follower.happened(drive, event, listener)?;
         }
-        let [ended, worlds] = follower.ended();
+        let [worlds, ended] = follower.progress();
         listener.pulse(&Pulse { drive, kinetic: None, worlds, ended, later });
         if written.elapsed() >= checkpoint_every {
             follower.save(drive)?;
@@ -237,9 +374,174 @@ pub(crate) fn follow(
     follower.save(drive)
 }
 
-/// Where the state of a world is kept while it has not ended.
-pub(crate) fn checkpoint_of(dir: &OutputDir, world: usize) -> PathBuf {
-    dir.checkpoints().join(format!("{world:06}.glebe"))
+/// What runs the batches of a study.
+pub(crate) struct Ensemble<'a> {
+    pub(crate) settings: &'a Settings,
+    pub(crate) dir: OutputDir,
+    /// Why the device was lost, if it was.
+    pub(crate) lost: Option<String>,
+    pub(crate) steps: u64,
+    pub(crate) particle_steps: f64,
+}
+
+impl<'a> Ensemble<'a> {
+    pub(crate) fn new(settings: &'a Settings, dir: OutputDir) -> Self {
+        Self { settings, dir, lost: None, steps: 0, particle_steps: 0.0 }
+    }
+
+    /// Runs worlds to their ends, or until the user stops them; returns what was wrong on the way. `later` is the
+    /// most steps of batches to come.
+    pub(crate) fn run(
+        &mut self,
+        jobs: Vec<Job>,
+        later: u64,
+        results: &mut dyn Results,
+        listener: &mut dyn Listener,
+    ) -> Result<Vec<String>, StudyError> {
+        let (mut numbers, mut entrants) = (Vec::new(), Vec::new());
+        let mut hashes = Vec::new();
+        for Job { world, made } in jobs {
+            let hash = made.as_ref().map(|made| made.scene_hash.clone()).unwrap_or_default();
+            match made.and_then(|made| self.admit(world, made)) {
+                Ok(entrant) => {
+                    numbers.push(world);
+                    entrants.push(entrant);
+                    hashes.push(hash);
+                }
+                Err(reason) => {
+                    results.ended(Row::not_run(world, summary::Status::Refused, reason), listener)?;
+                }
+            }
+        }
+        let settings = self.settings;
+        let (mut drive, reused) = Drive::new(entrants, settings.backend, settings.beds.as_deref());
+        let all = numbers.len();
+        if !reused.is_empty() {
+            listener.note(&format!(
+                "{} of {all} worlds begin from settled beds of earlier runs; --no-cache computes them",
+                reused.len()
+            ));
+        }
+        let mut crew = Crew { ensemble: self, numbers, hashes, results, shared: 0, warnings: Vec::new() };
+        follow(&mut drive, &mut crew, later, settings.checkpoint_every, listener)?;
+        let Crew { shared, warnings, .. } = crew;
+        if shared > 0 {
+            listener.note(&format!("{shared} of {all} worlds began from the settled bed of another"));
+        }
+        self.count(&drive);
+        Ok(warnings)
+    }
+
+    /// Counts the steps of a batch.
+    pub(crate) fn count(&mut self, drive: &Drive) {
+        self.steps += drive.steps();
+        self.particle_steps += drive.particle_steps();
+    }
+
+    /// Why the device cannot run a world, if it cannot.
+    pub(crate) fn accepts(&self, constants: &Arc<Constants>) -> Result<(), String> {
+        match self.settings.backend.refusal(std::slice::from_ref(constants)) {
+            Some(why) => Err(format!("{why}; run the study with --device cpu")),
+            None => Ok(()),
+        }
+    }
+
+    /// The state of a world as it was kept under way, if it is still of the same scene.
+    pub(crate) fn kept(&self, world: usize, constants: &Constants, scene_hash: &str) -> Option<State> {
+        let state = checkpoint::kept(&self.checkpoint(world), scene_hash)?;
+        state.belongs_to(constants).is_ok().then_some(state)
+    }
+
+    /// A world with the state that it begins from, or why it cannot be run.
+    fn admit(&self, w: usize, made: Made) -> Result<(Arc<Constants>, State), String> {
+        self.accepts(&made.constants)?;
+        let saved = self.kept(w, &made.constants, &made.scene_hash);
+        Ok((made.constants, saved.unwrap_or(made.state)))
+    }
+
+    /// Where the state of a world is kept while it has not ended.
+    pub(crate) fn checkpoint(&self, world: usize) -> PathBuf {
+        self.dir.checkpoints().join(format!("{world:06}.glebe"))
+    }
+
+    /// Removes the folder of states when no world is left; only if it is empty.
+    pub(crate) fn tidy(&self) {
+        let _ = fs::remove_dir(self.dir.checkpoints());
+    }
+}
+
+/// The worlds of a batch, with their numbers in the study and what they were made from.
+struct Crew<'a, 'b> {
+    ensemble: &'a mut Ensemble<'b>,
+    numbers: Vec<usize>,
+    hashes: Vec<String>,
+    results: &'a mut dyn Results,
+    /// How many began from the bed of another.
+    shared: usize,
+    warnings: Vec<String>,
+}
+
+impl Crew<'_, '_> {
+    fn ended(&mut self, drive: &Drive, k: usize, listener: &mut dyn Listener) -> Result<(), StudyError> {
+        let outcome = drive.outcome(k);
+        let Some(state_hash) = outcome.state_hash else {
+            // The world is left: a device may be well again.
+            self.ensemble.lost = outcome.reason;
+            return Ok(());
+        };
+        let world = self.numbers[k];
+        let (c, g) = (drive.batch().constants(k), drive.batch().progress(k));
+        let row = Row {
+            world,
+            status: outcome.status,
+            reason: outcome.reason,
+            state_hash: Some(state_hash),
+            particles: outcome.particles.count,
+            lost: outcome.particles.lost.len() as u64,
+            stages: outcome.stages,
+            doubts: g.results.iter().flat_map(|result| doubts(result, c)).collect(),
+        };
+        self.results.ended(row, listener)?;
+        discard(&self.ensemble.checkpoint(world))
+    }
+}
+
+impl Observer for Crew<'_, '_> {
+    type Error = Infallible;
+    fn wants_frames(&self) -> bool {
+        false
+    }
+}
+
+impl Follower for Crew<'_, '_> {
+    fn happened(
+        &mut self,
+        drive: &Drive,
+        event: Event,
+        listener: &mut dyn Listener,
+    ) -> Result<(), StudyError> {
+        match event {
+            Event::Ended(k) => self.ended(drive, k, listener)?,
+            Event::Reused(..) => self.shared += 1,
+            Event::NotKept(_, line) => {
+                listener.warn(&line);
+                self.warnings.push(line);
+            }
+            Event::StageEnded(..) => {}
+        }
+        Ok(())
+    }
+
+    fn progress(&self) -> [usize; 2] {
+        self.results.progress()
+    }
+
+    fn save(&mut self, drive: &Drive) -> Result<(), StudyError> {
+        for (k, (&world, hash)) in self.numbers.iter().zip(&self.hashes).enumerate() {
+            keep(drive, k, &self.ensemble.checkpoint(world), hash)?;
+        }
+        Ok(())
+    }
 }
 
 /// Keeps the state of world `k` of a batch in a file, if it is under way; `scene_hash` says of what it is.
@@ -269,5 +571,25 @@ pub(crate) fn discard(path: &Path) -> Result<(), StudyError> {
             Err(OutputError::Io { path: path.to_owned(), action: "remove this file", source }.into())
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn batches_are_as_few_as_memory_holds_or_as_many_as_asked_for() {
+        let all = [0, 1, 2, 3, 4];
+        let equal = |_| 1000;
+        let of_worlds = |n: f64| Some((2.0 * n * 1000.0 * BYTES) as u64);
+        assert_eq!(divide(&all, equal, None, None), [all]);
+        assert_eq!(divide(&all, equal, None, of_worlds(2.5)), [vec![0, 1], vec![2, 3], vec![4]]);
+        assert_eq!(divide(&all, equal, Some(2), of_worlds(1.0)), [vec![0, 1, 2], vec![3, 4]]);
+        assert_eq!(divide(&[1, 4], equal, Some(9), None), [[1], [4]]);
+        assert_eq!(divide(&[], equal, Some(2), None), Vec::<Vec<usize>>::new());
+        // One that is larger than the memory is tried alone.
+        let large = |w| if w == 1 { 9000 } else { 1000 };
+        assert_eq!(divide(&all, large, None, of_worlds(2.5)), [vec![0], vec![1], vec![2, 3], vec![4]]);
     }
 }

@@ -3,6 +3,8 @@
 //! [`drive`] takes the worlds of a batch through their stages: a single run is a batch of one. It keeps settled
 //! beds, so that worlds which share their first stages settle once. [`sample`] chooses the worlds of a study, [`sweep`]
 //! runs them, [`fit`] draws curves through what they measured. [`rve`] makes, consolidates and loads periodic samples.
+//! [`search`] looks for the least cost and for distributions, [`calibrate`] finds parameters for which worlds measure what
+//! was measured.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -20,12 +22,14 @@
 #![forbid(unsafe_code)]
 
 mod beds;
+pub mod calibrate;
 mod digest;
 pub mod drive;
 mod ensemble;
 pub mod fit;
 pub mod rve;
 pub mod sample;
+pub mod search;
 pub mod sweep;
 
 pub use beds::default_folder as default_bed_folder;

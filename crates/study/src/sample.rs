@@ -1,7 +1,7 @@
 //! Which worlds a study has: points spread over ranges, and the values that they stand for.
 
 use glebe_engine::generate::{Purpose, Rng};
-use glebe_io::study::{Parameter, Sampler, Study, Value, Values};
+use glebe_io::study::{Follower, Parameter, Sampler, Study, Value, Values};
 
 /// A world of a study.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,16 +46,27 @@ pub fn worlds(study: &Study) -> Result<Vec<World>, TooManyDimensions> {
     Ok(rows.into_iter().map(|row| world(study, row)).collect())
 }
 
-fn world(study: &Study, mut values: Vec<Value>) -> World {
-    let followers = study.followers.iter().map(|f| {
-        let of = values.get(f.of).and_then(Value::number).unwrap_or(f64::NAN);
-        Value::rounded(fifteen_digits(f.factor * of), f.whole)
-    });
-    let followers: Vec<Value> = followers.collect();
-    values.extend(followers);
-    let paths = study.parameters.iter().map(|p| &p.path).chain(study.followers.iter().map(|f| &f.path));
-    let sets = paths.zip(&values).map(|(path, value)| format!("{path}={value}")).collect();
-    World { values, sets }
+fn world(study: &Study, values: Vec<Value>) -> World {
+    World::new(study.parameters.iter().map(|p| p.path.as_str()), &study.followers, values)
+}
+
+impl World {
+    /// With values of the parameters that stand at these paths, and of what follows them.
+    pub(crate) fn new<'a>(
+        paths: impl Iterator<Item = &'a str>,
+        followers: &'a [Follower],
+        mut values: Vec<Value>,
+    ) -> Self {
+        let following = |f: &Follower| {
+            let of = values.get(f.of).and_then(Value::number).unwrap_or(f64::NAN);
+            Value::rounded(fifteen_digits(f.factor * of), f.whole)
+        };
+        let following: Vec<Value> = followers.iter().map(following).collect();
+        values.extend(following);
+        let paths = paths.chain(followers.iter().map(|f| f.path.as_str()));
+        let sets = paths.zip(&values).map(|(path, value)| format!("{path}={value}")).collect();
+        Self { values, sets }
+    }
 }
 
 /// Every combination; the last parameter changes fastest.
@@ -87,17 +98,20 @@ fn at(values: &Values, share: f64) -> Value {
             let k = (share * values.len() as f64) as usize;
             values.get(k).or(values.last()).cloned().unwrap_or(Value::Number(f64::NAN))
         }
-        &Values::Range { range: [from, to], logarithmic, whole, .. } => {
-            // The ends as they were written, whatever the rounding.
-            let x = match share {
-                0.0 => from,
-                1.0 => to,
-                _ if logarithmic => libm::exp(libm::log(from) + share * libm::log(to / from)),
-                _ => from + share * (to - from),
-            };
-            Value::rounded(fifteen_digits(x), whole)
-        }
+        &Values::Range { range, logarithmic, whole, .. } => within(range, logarithmic, whole, share),
     }
+}
+
+/// The value at a share of the way through a range, 0 to 1.
+pub(crate) fn within([from, to]: [f64; 2], logarithmic: bool, whole: bool, share: f64) -> Value {
+    // The ends as they were written, whatever the rounding.
+    let x = match share {
+        0.0 => from,
+        1.0 => to,
+        _ if logarithmic => libm::exp(libm::log(from) + share * libm::log(to / from)),
+        _ => from + share * (to - from),
+    };
+    Value::rounded(fifteen_digits(x), whole)
 }
 
 /// A number as people would write it: 0.08 and not 0.07999999999999999.

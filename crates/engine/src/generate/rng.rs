@@ -44,7 +44,7 @@ impl Rng {
 
     /// Standard normal, by the polar method (Marsaglia and Bray 1964). The second value is dropped:
     /// a generator without hidden state is worth the logarithm.
-    pub(super) fn normal(&mut self) -> f64 {
+    pub fn normal(&mut self) -> f64 {
         loop {
             let (u, v) = (self.between(-1.0, 1.0), self.between(-1.0, 1.0));
             let s = u * u + v * v;

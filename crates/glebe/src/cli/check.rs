@@ -1,4 +1,4 @@
-//! `glebe check`: everything about a scene or a study that can be known without running it.
+//! `glebe check`: everything about a scene, a study or a calibration that can be known without running it.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use glebe_engine::spec::Until;
 use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
 use glebe_io::scene::{BuiltScene, Scene};
-use glebe_io::study::Study;
+use glebe_io::study::{Calibration, Study};
 use glebe_study::sweep::Measure;
 use serde_json::json;
 
@@ -19,7 +19,7 @@ use crate::device::Device;
 /// energy ledger. Machines differ by a factor of two either way.
 const RATE: f64 = 4e6;
 
-/// Checks a scene or a study without running it: all errors at once, counts, memory, run time
+/// Checks a scene, a study or a calibration without running it: all errors at once, counts, memory, run time
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -27,7 +27,7 @@ Examples:
   glebe check field/scene.toml --set material.soil.density=2000
   glebe check field/scene.toml --device gpu
   glebe check field/scene.toml --json
-  glebe check field/study.toml                  each world of a study")]
+  glebe check field/study.toml                  each world of a study, or a calibration")]
 pub(super) struct Args {
     #[command(flatten)]
     pub scene: SceneArgs,
@@ -86,6 +86,9 @@ pub(super) fn prepared(built: &BuiltScene) -> Result<(Arc<Constants>, State), Pr
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
+    if Calibration::is_at(&args.scene.scene) {
+        return calibration(args, ui);
+    }
     if Study::is_at(&args.scene.scene) {
         return study(args, ui);
     }
@@ -300,6 +303,58 @@ fn samples(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
         refusals(plan.refused()),
         all.particles,
         (all.bytes() / 1e6).max(1.0),
+        chosen.backend.device(),
+    );
+    ui.result(&value, &text);
+    Ok(Ended::Done)
+}
+
+fn calibration(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
+    let device = args.device.open(0)?;
+    let plan = super::calibrate::plan(&args.scene.scene, &args.scene.sets, ui)?;
+    let chosen = device.admit(plan.middle())?;
+    chosen.note.iter().for_each(|line| ui.note(line));
+    let c = &plan.calibration;
+    let (round, evaluations) = plan.evaluations();
+    let particles: usize = plan.particles.iter().sum();
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let seconds = plan.particle_steps * evaluations as f64 / (RATE * cores as f64);
+    let bytes = BYTES_PER_PARTICLE * (particles * round) as f64;
+    let free: Vec<&str> = c.free.iter().map(|f| f.name.as_str()).collect();
+    let targets: Vec<&str> = c.targets.iter().map(|t| t.name.as_str()).collect();
+    let value = json!({
+        "status": "ok",
+        "free": free,
+        "targets": targets,
+        "experiments": c.experiments.len(),
+        "method": c.method.name(),
+        "most_evaluations": evaluations,
+        "evaluations_of_a_round": round,
+        "particles": particles,
+        "most_steps": plan.steps as f64 * evaluations as f64,
+        "memory_bytes": bytes,
+        "device": chosen.backend.device(),
+        "devices": [{ "name": "cpu", "threads": cores, "most_wall_s": seconds }],
+        "warnings": plan.warnings,
+    });
+    let text = format!(
+        "{} is fine.\n\
+         free         {}\n\
+         targets      {}\n\
+         method       {}, at most {evaluations} evaluations, {round} in a round\n\
+         experiments  {} with {particles} particles in all\n\
+         length       at most {:.2e} steps in an evaluation\n\
+         memory       about {:.0} MB for a round in one batch\n\
+         run time     at most about {} on the CPU with {cores} threads, without settled beds\n\
+         device       {}",
+        args.scene.scene.display(),
+        free.join(", "),
+        targets.join(", "),
+        c.method.name(),
+        c.experiments.len(),
+        plan.steps as f64,
+        (bytes / 1e6).max(1.0),
+        duration(seconds),
         chosen.backend.device(),
     );
     ui.result(&value, &text);

@@ -3,6 +3,7 @@
 //! A verb is a module with `Args` (which hold its help) and `fn run(Args, &Ui) -> Result<Ended, Problem>`.
 
 mod bar;
+mod calibrate;
 mod check;
 mod devices;
 mod new;
@@ -37,6 +38,7 @@ Examples:
   glebe run field/scene.toml --resume  goes on after an interruption
   glebe sweep field/study.toml         many variants of a scene
   glebe rve sand/study.toml            periodic samples under stress and strain
+  glebe calibrate fit/study.toml       parameters that give what was measured
 
 Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 interrupted (--resume continues).";
 
@@ -47,17 +49,19 @@ enum Verb {
     Run(run::Args),
     Sweep(sweep::Args),
     Rve(rve::Args),
+    Calibrate(calibrate::Args),
     Validate(crate::validate::ValidateArgs),
     Bench(crate::bench::BenchArgs),
     Devices(devices::Args),
-    /// Prints the JSON Schema of scene or study files, for editors
+    /// Prints the JSON Schema of scene, study or calibration files, for editors
     #[command(after_help = "\
 Examples:
   glebe schema > scene.schema.json     then put `#:schema scene.schema.json` at the top of scene.toml
-  glebe schema study")]
+  glebe schema study
+  glebe schema calibration")]
     Schema {
         /// Which files
-        #[arg(default_value = "scene", value_parser = ["scene", "study"])]
+        #[arg(default_value = "scene", value_parser = ["scene", "study", "calibration"])]
         of: String,
     },
     /// Prints completions for a shell
@@ -87,6 +91,7 @@ pub fn main() -> ExitCode {
         Verb::Run(args) => run::run(&args, &ui),
         Verb::Sweep(args) => sweep::run(&args, &ui),
         Verb::Rve(args) => rve::run(&args, &ui),
+        Verb::Calibrate(args) => calibrate::run(&args, &ui),
         Verb::Validate(args) => validate(&args, &ui),
         Verb::Bench(args) => match crate::bench::run(&args, &ui) {
             Ok(()) => Ok(Ended::Done),
@@ -98,7 +103,11 @@ pub fn main() -> ExitCode {
             Ok(Ended::Done)
         }
         Verb::Schema { of } => {
-            let schema = if of == "study" { glebe_io::study::schema() } else { glebe_io::scene::schema() };
+            let schema = match of.as_str() {
+                "study" => glebe_io::study::schema(),
+                "calibration" => glebe_io::study::calibration_schema(),
+                _ => glebe_io::scene::schema(),
+            };
             ui.print(&format!("{schema:#}"));
             Ok(Ended::Done)
         }

@@ -18,7 +18,8 @@ Examples:
   glebe new field --quick              a coarse one: within a minute
   glebe new mill --template drum
   glebe new field --template sweep     a study: many variants of a scene
-  glebe new sand --template rve        a study: triaxial tests on periodic samples")]
+  glebe new sand --template rve        a study: triaxial tests on periodic samples
+  glebe new soil --template calibration --quick     parameters that give what was measured")]
 pub(super) struct Args {
     /// The folder to make
     name: PathBuf,

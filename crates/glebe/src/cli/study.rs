@@ -40,11 +40,19 @@ pub(super) struct Came<'a> {
     status: Status,
     /// What happened to the device, if it was lost.
     reason: Option<&'a str>,
+    /// What is said if it failed, and the table that tells why.
+    nothing: &'static str,
+    table: &'static str,
 }
 
 impl<'a> Came<'a> {
     pub(super) fn of(summary: &impl Serialize, status: Status, reason: Option<&'a str>) -> Self {
-        Self { summary: json!(summary), status, reason }
+        Self { summary: json!(summary), status, reason, nothing: "no world is done", table: "worlds.csv" }
+    }
+
+    /// What is said if it failed, and the table that tells why.
+    pub(super) fn or(self, nothing: &'static str, table: &'static str) -> Self {
+        Self { nothing, table, ..self }
     }
 }
 
@@ -85,8 +93,9 @@ impl StudyArgs {
         }
         if came.status == Status::Failed {
             return Err(Problem::Failed(format!(
-                "no world is done; {} tells why of each",
-                out.join("worlds.csv").display()
+                "{}; {} tells why of each",
+                came.nothing,
+                out.join(came.table).display()
             )));
         }
         let text =

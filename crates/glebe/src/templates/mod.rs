@@ -137,6 +137,22 @@ pub const TEMPLATES: &[Template] = &[
         sweep: None,
         study: Some(("rve", include_str!("rve.toml"))),
     },
+    Template {
+        name: "calibration",
+        summary: "a calibration: the soil for which a blade takes the draught forces that were measured",
+        text: include_str!("blade.toml"),
+        values: &[
+            ("small", "", ", in a size that ends within some minutes"),
+            ("title", "A blade in dry soil", "A blade in dry soil, coarse"),
+            ("step", "50 us", "80 us"),
+            ("count", "13000", "1700"),
+            ("radius", "\"4 mm\", \"5 mm\"", "\"8 mm\", \"10 mm\""),
+            ("population", "20", "6"),
+            ("rounds", "30", "4"),
+        ],
+        sweep: None,
+        study: Some(("calibrate", include_str!("calibration.toml"))),
+    },
 ];
 
 impl Template {

@@ -6,6 +6,7 @@ use glebe_engine::backend::Unavailable;
 use glebe_engine::batch::Status;
 use glebe_engine::{BytesError, SetupError};
 use glebe_io::checkpoint::CheckpointError;
+use glebe_study::calibrate::StudyError;
 use serde::Serialize;
 
 use super::trial::Trial;
@@ -50,6 +51,9 @@ pub enum CaseError {
     /// The bytes of a state are none.
     #[error(transparent)]
     Bytes(#[from] BytesError),
+    /// A study could not be run.
+    #[error(transparent)]
+    Study(#[from] StudyError),
     /// A folder for checkpoints could not be made or removed.
     #[error("{0}")]
     Io(#[from] std::io::Error),

@@ -11,6 +11,7 @@ mod a1;
 mod a2;
 mod a3;
 mod a4;
+mod a6;
 mod a7;
 mod b1;
 mod b10;
@@ -35,7 +36,7 @@ pub(crate) use trial::power_law;
 
 /// Every case, in the order in which they run.
 const CASES: &[Case] =
-    &[a1::CASE, a2::CASE, a3::CASE, a4::CASE, a7::CASE, b1::CASE, b10::CASE, b11::CASE, p1::CASE];
+    &[a1::CASE, a2::CASE, a3::CASE, a4::CASE, a6::CASE, a7::CASE, b1::CASE, b10::CASE, b11::CASE, p1::CASE];
 
 /// All registered cases.
 pub fn cases() -> &'static [Case] {
@@ -55,7 +56,7 @@ pub struct ValidateArgs {
     /// Cases by id or name; all if none is named
     #[arg(value_name = "NAME", value_parser = names(), ignore_case = true, hide_possible_values = true)]
     pub names: Vec<String>,
-    /// Smaller sizes: all cases together take about three minutes on two cores
+    /// Smaller sizes: all cases together take about four minutes on two cores
     #[arg(long)]
     pub quick: bool,
     /// Folder for figures and results.json; those of an earlier validation in it are replaced

@@ -58,7 +58,8 @@ impl SceneFile {
     }
 }
 
-fn wrong(errors: &[SceneError]) -> CaseError {
+/// The mistakes of a scene, each with its place.
+pub fn wrong(errors: &[SceneError]) -> CaseError {
     CaseError::Scene(errors.iter().fold(String::new(), |mut text, e| {
         // Writing to a string does not fail.
         let _ = write!(text, "{e:#}");

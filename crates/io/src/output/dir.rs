@@ -12,14 +12,18 @@ pub const SVG_MARK: &str = "<!-- plotted by glebe -->";
 /// The first line of the copy of a study, by which glebe knows it again.
 const STUDY_MARK: &str = "# copied by glebe";
 
+/// The first line of scenes that glebe writes, by which it knows them again.
+const SCENE_MARK: &str = "# written by glebe";
+
 /// Files at the top of an output folder that belong to a run or a study.
-const OWN_FILES: [&str; 10] = [
+const OWN_FILES: [&str; 11] = [
     "series.csv",
     "series.parquet",
     "summary.json",
     "frames.pvd",
     "report.html",
     "worlds.csv",
+    "evaluations.csv",
     "journal.jsonl",
     "curves.csv",
     "bands.csv",
@@ -148,6 +152,10 @@ impl OutputDir {
     pub fn worlds(&self) -> PathBuf {
         self.path.join("worlds.csv")
     }
+    /// Where the results of each evaluation of a calibration are.
+    pub fn evaluations(&self) -> PathBuf {
+        self.path.join("evaluations.csv")
+    }
     /// Where the worlds of a study are noted that have ended.
     pub fn journal(&self) -> PathBuf {
         self.path.join("journal.jsonl")
@@ -199,6 +207,22 @@ impl OutputDir {
             }
             out.write_all(text.as_bytes())
         })
+    }
+
+    /// Writes a scene under a name (without extension), with a remark. A file of that name that is not glebe's stays.
+    ///
+    /// # Errors
+    /// [`OutputError::Foreign`], [`OutputError::Io`].
+    pub fn write_scene(&self, name: &str, text: &str, remark: &str) -> Result<PathBuf, OutputError> {
+        let path = self.path.join(format!("{name}.toml"));
+        if path.symlink_metadata().is_ok() && !begins_with(&path, SCENE_MARK)? {
+            return Err(OutputError::Foreign { path });
+        }
+        write_atomic(&path, |out| {
+            writeln!(out, "{SCENE_MARK}: {}", remark.replace(['\n', '\r'], " "))?;
+            out.write_all(text.as_bytes())
+        })?;
+        Ok(path)
     }
 
     /// A read-only folder should be told of before hours of computing, not after.
@@ -263,7 +287,8 @@ fn remove_own(path: &Path) -> Result<(), OutputError> {
         if is_file(&file)
             && (OWN_FILES.contains(&name.as_str())
                 || (file.extension().is_some_and(|e| e == "svg") && begins_with(&file, SVG_MARK)?)
-                || (name == STUDY && begins_with(&file, STUDY_MARK)?))
+                || (name == STUDY && begins_with(&file, STUDY_MARK)?)
+                || (file.extension().is_some_and(|e| e == "toml") && begins_with(&file, SCENE_MARK)?))
         {
             remove_file(&file)?;
         }

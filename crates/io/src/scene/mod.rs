@@ -26,6 +26,7 @@ pub(crate) mod document;
 pub(crate) mod error;
 pub(crate) mod fields;
 mod model;
+mod rewrite;
 pub(crate) mod schema;
 pub(crate) mod set;
 mod shapes;
@@ -40,6 +41,7 @@ pub use model::{
     DomainPart, GeometryPart, GeometryShape, MeasurePart, MotionPart, Origin, PairPart, ParticlePart, Scene,
     StagePart,
 };
+pub use rewrite::rewritten;
 pub use schema::schema;
 pub use shapes::drum_mesh;
 

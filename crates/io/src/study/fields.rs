@@ -75,11 +75,11 @@ static VARY: TableSpec = TableSpec {
     rules: &[Rule::ExactlyOne(&["values", "range"]), Rule::Excludes("values", &["count", "spacing"])],
 };
 
-static FOLLOW: TableSpec = TableSpec {
-    doc: "A value of the scene that is a multiple of one that varies, in SI units.",
+pub(super) static FOLLOW: TableSpec = TableSpec {
+    doc: "A value of the scene that is a multiple of another, in SI units.",
     fields: &[
         Field::new("path", Kind::Text, "The value, as for --set."),
-        Field::new("of", Kind::Text, "The name of what it follows, in `vary`."),
+        Field::new("of", Kind::Text, "The name of what it follows, in `vary` or `free`."),
         Field::new("factor", Kind::Number(Dimension::NONE), "Its ratio to that.").or("1.0"),
     ],
     rules: &[],

@@ -14,6 +14,7 @@
 //! values = ["0.5 m/s", "1 m/s"]
 //! ```
 
+mod calibration;
 mod fields;
 mod rve;
 
@@ -31,6 +32,9 @@ use crate::scene::spelling::advice;
 use crate::scene::table::{Field, Kind};
 use crate::scene::{Located, MOST_BYTES, first};
 use crate::units::Dimension;
+pub use calibration::{
+    CALIBRATION_COLUMNS, Calibration, Experiment, Free, Method, Statistic, Stop, Target, calibration_schema,
+};
 use fields::{SAMPLERS, STUDY};
 pub use rve::{Aim, Consolidate, Load, Prepare, Program, Rve};
 
@@ -223,8 +227,11 @@ impl Study {
         let scene = file
             .located_if("scene")
             .map(|scene| Located { value: folder.join(scene.value), place: scene.place });
-        if let Some(scene) = &scene {
-            reader.read_scene(scene)?;
+        if let Some(scene) = &scene
+            && let Some((root, text)) = read_scene(&mut reader.checker, scene)?
+        {
+            reader.scene = Some(root);
+            reader.scene_text = text;
         }
         let mut study = reader.study(&file);
         let (_, mut errors): (Vec<_>, Vec<_>) =
@@ -287,23 +294,6 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// The scene's own mistakes of syntax are told alone: nothing can be looked up in it.
-    fn read_scene(&mut self, path: &Located<PathBuf>) -> Result<(), Vec<SceneError>> {
-        match input::read_text(&path.value, MOST_BYTES) {
-            Ok(text) => {
-                let root =
-                    document::parse(&Source::new(&path.value.display().to_string(), &text)).map_err(first)?;
-                self.scene = Some(root);
-                self.scene_text = text;
-            }
-            Err(error) => {
-                let message = format!("cannot read `{}`: {error}", path.value.display());
-                self.checker.error(SceneError::new("unreadable", &path.place, message).label("this scene"));
-            }
-        }
-        Ok(())
-    }
-
     fn study(&mut self, file: &Record) -> Study {
         let sampler = SAMPLERS.value(&file.text("sampler"));
         let points = usize::try_from(file.integer("points")).unwrap_or(usize::MAX);
@@ -322,9 +312,17 @@ impl Reader<'_> {
         let parameters: Vec<Parameter> =
             vary.iter().map(|(name, record)| self.parameter(&name.value, record, sampler)).collect();
         self.lists_are_equal(file, &parameters, sampler);
-        let followers = file.named("follow");
-        let followers =
-            followers.iter().filter_map(|(n, r)| self.follower(&n.value, r, &parameters)).collect();
+        let numbers = |p: &Parameter| match &p.values {
+            Values::Listed(values) => values.iter().all(|v| v.number().is_some()),
+            Values::Range { .. } => true,
+        };
+        let varied: Vec<(&str, bool)> = parameters.iter().map(|p| (p.name.as_str(), numbers(p))).collect();
+        let (scene, own) = (self.scene.as_ref(), Some(&self.own));
+        let followers = file
+            .named("follow")
+            .iter()
+            .filter_map(|(n, r)| follower(&mut self.checker, scene, own, &n.value, r, &varied))
+            .collect();
         self.names_differ(file);
         self.not_too_many(file, &parameters, sampler);
         Study {
@@ -364,27 +362,11 @@ impl Reader<'_> {
         }
     }
 
-    /// What the scene expects at a path, and the path itself.
-    fn target(&mut self, record: &Record) -> Option<(String, Kind)> {
-        let path = record.located_if("path")?;
-        let scene = self.scene.as_ref()?;
-        // Inside the quotes, if nothing in it is escaped.
-        let span = path.place.span();
-        let inside = span.start + 1..span.end.saturating_sub(1);
-        let at = if inside.len() == path.value.len() { path.place.part(inside) } else { path.place };
-        let (root, table) = if of_samples(&path.value) { (&self.own, &STUDY) } else { (scene, &SCENE) };
-        match set::leads_to(root, table, &path.value, &at) {
-            Ok(kind) => Some((path.value, kind)),
-            Err(error) => {
-                self.checker.error(error);
-                None
-            }
-        }
-    }
-
     fn parameter(&mut self, name: &str, record: &Record, sampler: Sampler) -> Parameter {
         let nothing = Values::Listed(Vec::new());
-        let Some((path, kind)) = self.target(record) else {
+        let found =
+            self.scene.as_ref().and_then(|scene| target(&mut self.checker, scene, Some(&self.own), record));
+        let Some((path, kind)) = found else {
             return Parameter { name: name.to_owned(), path: String::new(), unit: "", values: nothing };
         };
         let unit = number_in(&kind).map_or("", |dimension| dimension.si);
@@ -504,39 +486,6 @@ impl Reader<'_> {
         Some(Values::Range { range: [from, to], count, logarithmic, whole })
     }
 
-    fn follower(&mut self, name: &str, record: &Record, parameters: &[Parameter]) -> Option<Follower> {
-        let target = self.target(record);
-        let of = record.located_if("of")?;
-        let Some(at) = parameters.iter().position(|p| p.name == of.value) else {
-            let names: Vec<&str> = parameters.iter().map(|p| p.name.as_str()).collect();
-            let message = format!("nothing that varies is called `{}`", of.value);
-            self.checker.error(
-                SceneError::new("undefined", &of.place, message).label("what it should follow").help(advice(
-                    &of.value,
-                    &names,
-                    "nothing varies",
-                )),
-            );
-            return None;
-        };
-        let numbers = match &parameters[at].values {
-            Values::Listed(values) => values.iter().all(|v| v.number().is_some()),
-            Values::Range { .. } => true,
-        };
-        let (path, kind) = target?;
-        let whole = matches!(kind, Kind::Integer);
-        let dimension = number_in(&kind);
-        if !numbers || (dimension.is_none() && !whole) {
-            let culprit = if numbers { &path } else { &of.value };
-            let message = format!("`follow.{name}` multiplies a number, and `{culprit}` is none");
-            let place = if numbers { record.place("path") } else { &of.place };
-            self.checker.error(SceneError::new("wrong-kind", place, message).label("no number"));
-            return None;
-        }
-        let unit = dimension.map_or("", |d| d.si);
-        Some(Follower { name: name.to_owned(), path, unit, of: at, factor: record.number("factor"), whole })
-    }
-
     /// A list takes the k-th value of each, so each needs as many.
     fn lists_are_equal(&mut self, file: &Record, parameters: &[Parameter], sampler: Sampler) {
         if sampler != Sampler::List {
@@ -609,6 +558,90 @@ impl Reader<'_> {
             );
         }
     }
+}
+
+/// A scene and its text, if it can be read. The scene's own mistakes of syntax are told alone: nothing can be looked up
+/// in it.
+fn read_scene(
+    checker: &mut Checker<'_>,
+    path: &Located<PathBuf>,
+) -> Result<Option<(Node, String)>, Vec<SceneError>> {
+    match input::read_text(&path.value, MOST_BYTES) {
+        Ok(text) => {
+            let root =
+                document::parse(&Source::new(&path.value.display().to_string(), &text)).map_err(first)?;
+            Ok(Some((root, text)))
+        }
+        Err(error) => {
+            let message = format!("cannot read `{}`: {error}", path.value.display());
+            checker.error(SceneError::new("unreadable", &path.place, message).label("this scene"));
+            Ok(None)
+        }
+    }
+}
+
+/// What the scene expects at the path of a record, and the path itself; of what is done with samples, what the file
+/// itself expects, if its `own` tables may vary.
+fn target(
+    checker: &mut Checker<'_>,
+    scene: &Node,
+    own: Option<&Node>,
+    record: &Record,
+) -> Option<(String, Kind)> {
+    let path = record.located_if("path")?;
+    // Inside the quotes, if nothing in it is escaped.
+    let span = path.place.span();
+    let inside = span.start + 1..span.end.saturating_sub(1);
+    let at = if inside.len() == path.value.len() { path.place.part(inside) } else { path.place };
+    let (root, table) = match own {
+        Some(own) if of_samples(&path.value) => (own, &STUDY),
+        _ => (scene, &SCENE),
+    };
+    match set::leads_to(root, table, &path.value, &at) {
+        Ok(kind) => Some((path.value, kind)),
+        Err(error) => {
+            checker.error(error);
+            None
+        }
+    }
+}
+
+/// What follows one of those that vary, given by name and whether they are numbers.
+fn follower(
+    checker: &mut Checker<'_>,
+    scene: Option<&Node>,
+    own: Option<&Node>,
+    name: &str,
+    record: &Record,
+    varied: &[(&str, bool)],
+) -> Option<Follower> {
+    let target = scene.and_then(|scene| target(checker, scene, own, record));
+    let of = record.located_if("of")?;
+    let Some(at) = varied.iter().position(|(name, _)| *name == of.value) else {
+        let names: Vec<&str> = varied.iter().map(|(name, _)| *name).collect();
+        let message = format!("nothing that varies is called `{}`", of.value);
+        checker.error(
+            SceneError::new("undefined", &of.place, message).label("what it should follow").help(advice(
+                &of.value,
+                &names,
+                "nothing varies",
+            )),
+        );
+        return None;
+    };
+    let numbers = varied[at].1;
+    let (path, kind) = target?;
+    let whole = matches!(kind, Kind::Integer);
+    let dimension = number_in(&kind);
+    if !numbers || (dimension.is_none() && !whole) {
+        let culprit = if numbers { &path } else { &of.value };
+        let message = format!("`follow.{name}` multiplies a number, and `{culprit}` is none");
+        let place = if numbers { record.place("path") } else { &of.place };
+        checker.error(SceneError::new("wrong-kind", place, message).label("no number"));
+        return None;
+    }
+    let unit = dimension.map_or("", |d| d.si);
+    Some(Follower { name: name.to_owned(), path, unit, of: at, factor: record.number("factor"), whole })
 }
 
 /// The dimension of what a value is, if it can be a number with one.

@@ -23,7 +23,7 @@ use glebe_engine::Constants;
 use glebe_engine::batch::{Observer, Sample};
 use glebe_engine::state::State;
 use glebe_io::checkpoint;
-use glebe_io::output::{Journal, OutputDir, summary, write_table};
+use glebe_io::output::{Journal, summary, write_table};
 use glebe_io::study::Rve;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -36,9 +36,8 @@ use self::search::{Next, Tried, nearest, next};
 pub use self::statistics::Spread;
 use crate::digest::scene_hash;
 use crate::drive::{Drive, Event, Listener};
-use crate::ensemble::{self, Follower, Opened, checkpoint_of, divide};
+use crate::ensemble::{self, Ensemble, Follower, Opened, divide, reason};
 pub use crate::ensemble::{Settings, StudyError};
-use crate::sweep::reason;
 
 /// A line of the journal.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -94,7 +93,7 @@ impl Row {
 pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Result<Summary, StudyError> {
     let started = Instant::now();
     let hash = plan.digest();
-    let opened = ensemble::open::<Entry>(&plan.study, &hash, settings, listener)?;
+    let opened = ensemble::open::<Entry>(&plan.study.text, &hash, settings, listener)?;
     let mut warnings = plan.warnings.clone();
     warnings.extend(opened.warnings);
     let Opened { dir, journal, entries, .. } = opened;
@@ -103,18 +102,14 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
         action: "make this folder",
         source,
     })?;
-    let mut study = Ensemble {
+    let mut study = Samples {
         plan,
-        settings,
-        dir,
+        ensemble: Ensemble::new(settings, dir),
         journal,
         rows: BTreeMap::new(),
         consolidated: BTreeMap::new(),
         tried: BTreeMap::new(),
         states: BTreeMap::new(),
-        lost: None,
-        steps: 0,
-        particle_steps: 0.0,
     };
     if let Some(entries) = entries {
         for entry in entries {
@@ -140,8 +135,7 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
     }
     if study.rows.len() == plan.samples.len() {
         study.discard_states()?;
-        // Only what is empty goes.
-        let _ = fs::remove_dir(study.dir.checkpoints());
+        study.ensemble.tidy();
     }
     study.write(started, warnings, &hash)
 }
@@ -150,10 +144,9 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
 type Made = BTreeMap<usize, Option<(f64, f64, Arc<State>)>>;
 
 /// A study under way.
-struct Ensemble<'a> {
+struct Samples<'a> {
     plan: &'a Plan,
-    settings: &'a Settings,
-    dir: OutputDir,
+    ensemble: Ensemble<'a>,
     journal: Journal,
     rows: BTreeMap<usize, Row>,
     consolidated: BTreeMap<usize, Consolidated>,
@@ -161,13 +154,9 @@ struct Ensemble<'a> {
     tried: BTreeMap<String, Vec<Tried>>,
     /// States that a preparation may take, by what is prepared and the bits of the friction.
     states: BTreeMap<(String, u64), Arc<State>>,
-    /// Why the device was lost, if it was.
-    lost: Option<String>,
-    steps: u64,
-    particle_steps: f64,
 }
 
-impl Ensemble<'_> {
+impl Samples<'_> {
     fn take(&mut self, entry: Entry) {
         match entry {
             Entry::Tried { prepared_hash, friction, void_ratio, reason } => {
@@ -196,12 +185,13 @@ impl Ensemble<'_> {
     }
 
     fn stopped(&self, listener: &dyn Listener) -> bool {
-        listener.interrupted() || self.lost.is_some()
+        listener.interrupted() || self.ensemble.lost.is_some()
     }
 
     fn batches(&self, worlds: &[usize], listener: &mut dyn Listener) -> Vec<Vec<usize>> {
         let particles = |w: usize| self.facts(w).map_or(0, |f| f.particles);
-        let batches = divide(worlds, particles, self.settings.batches, self.settings.memory);
+        let batches =
+            divide(worlds, particles, self.ensemble.settings.batches, self.ensemble.settings.memory);
         if batches.len() > 1 {
             listener.note(&format!("{} samples in {} batches", worlds.len(), batches.len()));
         }
@@ -252,7 +242,9 @@ impl Ensemble<'_> {
                 .collect();
             let all: Vec<usize> = (0..trials.len()).collect();
             let particles = |k: usize| self.facts(trials[k].w).map_or(0, |f| f.particles);
-            for batch in divide(&all, particles, self.settings.batches, self.settings.memory) {
+            for batch in
+                divide(&all, particles, self.ensemble.settings.batches, self.ensemble.settings.memory)
+            {
                 if self.stopped(listener) {
                     break;
                 }
@@ -281,7 +273,7 @@ impl Ensemble<'_> {
 
     /// Where the state that a sample begins with is kept: numbers after those of samples.
     fn made_path(&self, w: usize) -> std::path::PathBuf {
-        checkpoint_of(&self.dir, self.plan.samples.len() + w)
+        self.ensemble.checkpoint(self.plan.samples.len() + w)
     }
 
     /// Drops states that no preparation would take.
@@ -312,21 +304,18 @@ impl Ensemble<'_> {
                 Err(reason) => self.tell(trial.failed(reason))?,
             }
         }
-        let (mut drive, _) = Drive::new(entrants, self.settings.backend, None);
-        let every = self.settings.checkpoint_every;
+        let (mut drive, _) = Drive::new(entrants, self.ensemble.settings.backend, None);
+        let every = self.ensemble.settings.checkpoint_every;
         let void_ratios = vec![f64::NAN; crew.len()];
         let mut makers = Makers { study: self, trials: crew, void_ratios };
         ensemble::follow(&mut drive, &mut makers, 0, every, listener)?;
-        self.steps += drive.steps();
-        self.particle_steps += drive.particle_steps();
+        self.ensemble.count(&drive);
         Ok(())
     }
 
     fn admit(&self, made: plan::Made) -> Result<(Arc<Constants>, State), String> {
-        match self.settings.backend.refusal(std::slice::from_ref(&made.constants)) {
-            Some(why) => Err(format!("{why}; run the study with --device cpu")),
-            None => Ok((made.constants, made.state)),
-        }
+        self.ensemble.accepts(&made.constants)?;
+        Ok((made.constants, made.state))
     }
 
     /// Consolidates and loads samples in one batch.
@@ -364,19 +353,17 @@ impl Ensemble<'_> {
                 }
             }
         }
-        let (mut drive, _) = Drive::new(entrants, crew.study.settings.backend, None);
-        let every = crew.study.settings.checkpoint_every;
+        let (mut drive, _) = Drive::new(entrants, crew.study.ensemble.settings.backend, None);
+        let every = crew.study.ensemble.settings.checkpoint_every;
         ensemble::follow(&mut drive, &mut crew, later, every, listener)?;
-        self.steps += drive.steps();
-        self.particle_steps += drive.particle_steps();
+        self.ensemble.count(&drive);
         Ok(())
     }
 
     /// A sample as it was kept, with its curve as far as that goes.
     fn resumed(&self, w: usize, c: &Constants, hash: &str) -> Option<(State, Vec<curve::Raw>)> {
-        let state = checkpoint::kept(&checkpoint_of(&self.dir, w), hash)?;
-        state.belongs_to(c).ok()?;
-        let rows = curve::kept(&self.dir.sample(w), state.progress.samples)?;
+        let state = self.ensemble.kept(w, c, hash)?;
+        let rows = curve::kept(&self.ensemble.dir.sample(w), state.progress.samples)?;
         Some((state, rows))
     }
 
@@ -403,7 +390,7 @@ impl Trial {
 
 /// Worlds in which samples are made.
 struct Makers<'a, 'b> {
-    study: &'a mut Ensemble<'b>,
+    study: &'a mut Samples<'b>,
     trials: Vec<Trial>,
     void_ratios: Vec<f64>,
 }
@@ -432,7 +419,7 @@ impl Follower for Makers<'_, '_> {
         let (trial, void_ratio) = (self.trials[k].clone(), self.void_ratios[k]);
         let outcome = drive.outcome(k);
         if outcome.state_hash.is_none() {
-            self.study.lost = outcome.reason;
+            self.study.ensemble.lost = outcome.reason;
             return Ok(());
         }
         let restless = drive.batch().progress(k).results.iter().any(|result| result.ended_by == "at most");
@@ -462,8 +449,8 @@ impl Follower for Makers<'_, '_> {
         })
     }
 
-    fn ended(&self) -> [usize; 2] {
-        [self.study.rows.len(), self.study.plan.samples.len()]
+    fn progress(&self) -> [usize; 2] {
+        [self.study.plan.samples.len(), self.study.rows.len()]
     }
 
     /// A round that was interrupted is done again; what ended of it stands.
@@ -474,7 +461,7 @@ impl Follower for Makers<'_, '_> {
 
 /// Worlds in which samples are consolidated and loaded.
 struct Loaders<'a, 'b> {
-    study: &'a mut Ensemble<'b>,
+    study: &'a mut Samples<'b>,
     samples: Vec<usize>,
     made: &'a Made,
     hashes: Vec<String>,
@@ -502,14 +489,14 @@ impl Loaders<'_, '_> {
         let (w, outcome) = (self.samples[k], drive.outcome(k));
         let Some(state_hash) = outcome.state_hash else {
             // The sample is left: a device may be well again.
-            self.study.lost = outcome.reason;
+            self.study.ensemble.lost = outcome.reason;
             return Ok(());
         };
         let rve = self.study.facts(w).map(|facts| facts.rve.clone());
         let program = rve.as_ref().and_then(|rve: &Rve| rve.load).map(|load| load.program);
         let curve = Curve::new(&self.rows[k], program);
         let cells: Vec<_> = (0..curve.len()).map(|row| curve.cells(row)).collect();
-        write_table(&self.study.dir.sample(w), &Curve::header(), &cells)?;
+        write_table(&self.study.ensemble.dir.sample(w), &Curve::header(), &cells)?;
         let restless = outcome.stages.iter().find(|stage| stage.ended_by == "at most");
         let reason = outcome.reason.or_else(|| {
             restless.map(|stage| {
@@ -533,7 +520,7 @@ impl Loaders<'_, '_> {
             consolidated: self.study.consolidated.get(&w).cloned(),
         };
         self.study.tell(Entry::Ended(row))?;
-        ensemble::discard(&checkpoint_of(&self.study.dir, w))
+        ensemble::discard(&self.study.ensemble.checkpoint(w))
     }
 }
 
@@ -566,8 +553,8 @@ impl Follower for Loaders<'_, '_> {
         }
     }
 
-    fn ended(&self) -> [usize; 2] {
-        [self.study.rows.len(), self.study.plan.samples.len()]
+    fn progress(&self) -> [usize; 2] {
+        [self.study.plan.samples.len(), self.study.rows.len()]
     }
 
     fn save(&mut self, drive: &Drive) -> Result<(), StudyError> {
@@ -576,8 +563,8 @@ impl Follower for Loaders<'_, '_> {
                 continue;
             }
             // Of both the rows must be as many as the state has seen, so they go first.
-            curve::keep(&self.study.dir.sample(w), &self.rows[k])?;
-            ensemble::keep(drive, k, &checkpoint_of(&self.study.dir, w), &self.hashes[k])?;
+            curve::keep(&self.study.ensemble.dir.sample(w), &self.rows[k])?;
+            ensemble::keep(drive, k, &self.study.ensemble.checkpoint(w), &self.hashes[k])?;
         }
         Ok(())
     }

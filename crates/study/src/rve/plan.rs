@@ -13,8 +13,8 @@ use rayon::prelude::*;
 use super::program::{loading, preparing};
 use crate::digest::{Digest, scene_hash};
 use crate::drive::steps_left;
+use crate::ensemble::{reason, told_once};
 use crate::sample::{self, TooManyDimensions, World};
-use crate::sweep::{reason, told_once};
 
 /// A study of periodic samples, each of which was made once, to see that it can be.
 pub struct Plan {

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::curve::Curve;
 use super::fabric::{BINS, chi_square};
 use super::statistics::{AVERAGED, Average, Spread};
-use super::{Consolidated, Ensemble, Row, StudyError};
+use super::{Consolidated, Row, Samples, StudyError};
 use crate::sweep::word;
 pub use crate::sweep::{Counts, Named};
 
@@ -131,7 +131,7 @@ impl Outcome {
     }
 }
 
-impl Ensemble<'_> {
+impl Samples<'_> {
     /// Writes tables, plots and summary.
     pub(super) fn write(
         mut self,
@@ -140,12 +140,12 @@ impl Ensemble<'_> {
         hash: &str,
     ) -> Result<Summary, StudyError> {
         let plan = self.plan;
-        let why = self.lost.clone().unwrap_or_else(|| "stopped by the user".to_owned());
+        let why = self.ensemble.lost.clone().unwrap_or_else(|| "stopped by the user".to_owned());
         let mut outcomes = Vec::with_capacity(plan.samples.len());
         for w in 0..plan.samples.len() {
             let left = || Row::without(w, summary::Status::Interrupted, why.clone());
             let row = self.rows.remove(&w).unwrap_or_else(left);
-            let curve = row.state_hash.as_ref().and_then(|_| Curve::read(&self.dir.sample(w)));
+            let curve = row.state_hash.as_ref().and_then(|_| Curve::read(&self.ensemble.dir.sample(w)));
             outcomes.push(Outcome { row, curve });
         }
         self.table(&outcomes)?;
@@ -167,15 +167,15 @@ impl Ensemble<'_> {
         let wall_s = started.elapsed().as_secs_f64();
         let summary = Summary {
             title: study.title.clone(),
-            status: counts.status(self.lost.is_some()),
-            reason: self.lost.clone(),
+            status: counts.status(self.ensemble.lost.is_some()),
+            reason: self.ensemble.lost.clone(),
             provenance: summary::Provenance {
                 version: env!("CARGO_PKG_VERSION").to_owned(),
-                commit: self.settings.commit.clone(),
+                commit: self.ensemble.settings.commit.clone(),
                 scene_hash: hash.to_owned(),
                 seed: study.seed,
             },
-            device: self.settings.backend.device(),
+            device: self.ensemble.settings.backend.device(),
             parameters: parameters
                 .map(|(name, path, unit)| Named { name: name.clone(), path: path.clone(), unit })
                 .collect(),
@@ -196,14 +196,14 @@ impl Ensemble<'_> {
                 .collect(),
             variants,
             performance: summary::Performance {
-                particle_steps_per_second: self.particle_steps / wall_s,
+                particle_steps_per_second: self.ensemble.particle_steps / wall_s,
                 wall_s,
-                steps: self.steps,
+                steps: self.ensemble.steps,
                 phases: BTreeMap::new(),
             },
             warnings,
         };
-        write_atomic(&self.dir.summary(), |out| {
+        write_atomic(&self.ensemble.dir.summary(), |out| {
             serde_json::to_writer_pretty(&mut *out, &summary)?;
             out.write_all(b"\n")
         })?;
@@ -267,7 +267,7 @@ impl Ensemble<'_> {
             cells
         };
         let rows: Vec<_> = outcomes.iter().enumerate().map(|(w, outcome)| cells(w, outcome)).collect();
-        Ok(write_table(&self.dir.worlds(), &header, &rows)?)
+        Ok(write_table(&self.ensemble.dir.worlds(), &header, &rows)?)
     }
 
     /// `curves.csv`: the curves of all samples, one after the other.
@@ -280,7 +280,7 @@ impl Ensemble<'_> {
             let before = [w, self.plan.samples[w].variant].map(|n| Cell::Count(n as u64));
             rows.extend((0..curve.len()).map(|k| [before.to_vec(), curve.cells(k)].concat()));
         }
-        Ok(write_table(&self.dir.table("curves"), &header, &rows)?)
+        Ok(write_table(&self.ensemble.dir.table("curves"), &header, &rows)?)
     }
 
     fn variant(&self, v: usize, group: &[&Outcome]) -> VariantSummary {
@@ -335,7 +335,7 @@ impl Ensemble<'_> {
             cells
         };
         let rows: Vec<_> = variants.iter().enumerate().map(cells).collect();
-        write_table(&self.dir.table("homogenisation"), &header, &rows)?;
+        write_table(&self.ensemble.dir.table("homogenisation"), &header, &rows)?;
 
         let mut by_size: Vec<&VariantSummary> = variants.iter().filter(|v| v.void_ratio.n > 1).collect();
         by_size.sort_by_key(|v| v.particles);
@@ -360,7 +360,7 @@ impl Ensemble<'_> {
             ..Plot::default()
         }
         .to_svg();
-        self.dir.write_plot("scatter_over_particles", &svg)?;
+        self.ensemble.dir.write_plot("scatter_over_particles", &svg)?;
         let inverse = [
             ("x-y", column(&|v| 1.0 / v.chi_square[0].mean)),
             ("x-z", column(&|v| 1.0 / v.chi_square[1].mean)),
@@ -374,7 +374,7 @@ impl Ensemble<'_> {
             ..Plot::default()
         }
         .to_svg();
-        Ok(self.dir.write_plot("chi_square_over_particles", &svg)?)
+        Ok(self.ensemble.dir.write_plot("chi_square_over_particles", &svg)?)
     }
 
     /// `bands.csv` and the plots of curves: of each variant the mean of its samples, with a band of one standard
@@ -399,7 +399,7 @@ impl Ensemble<'_> {
             }
             shown.push((self.plan.name(v), curves.len(), average));
         }
-        write_table(&self.dir.table("bands"), &header, &rows)?;
+        write_table(&self.ensemble.dir.table("bands"), &header, &rows)?;
         if shown.is_empty() {
             return Ok(());
         }
@@ -458,7 +458,7 @@ impl Ensemble<'_> {
                 ..Plot::default()
             }
             .to_svg();
-            self.dir.write_plot(file, &svg)?;
+            self.ensemble.dir.write_plot(file, &svg)?;
         }
         Ok(())
     }
@@ -488,7 +488,7 @@ impl Ensemble<'_> {
             };
             let planes: Vec<(&str, &[f64])> =
                 planes.iter().map(|(n, counts)| (*n, counts.as_slice())).collect();
-            self.dir.write_plot(&format!("rose_{v:03}"), &rose(&title, &planes))?;
+            self.ensemble.dir.write_plot(&format!("rose_{v:03}"), &rose(&title, &planes))?;
         }
         Ok(())
     }

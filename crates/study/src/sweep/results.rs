@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use glebe_io::output::{Cell, file_word, summary, write_atomic, write_table};
+use glebe_io::output::{Cell, OutputDir, file_word, summary, write_atomic, write_table};
 use glebe_io::study::{COLUMNS, Value, Values};
 use glebe_report::{Axis, Plot, Series, Style};
 use serde::Serialize;
 
-use super::{Measure, Row, StudyError, Sweep, told_once};
+use super::{Measure, Row, StudyError, Sweep};
+use crate::ensemble::{Ensemble, short, told_once};
 use crate::fit::{Fit, linear, power};
 
 /// Points by which a curve is drawn.
@@ -142,23 +143,24 @@ impl Sweep<'_> {
     /// Writes table, plots and summary.
     pub(super) fn write(
         self,
+        ensemble: &Ensemble<'_>,
         started: Instant,
         mut warnings: Vec<String>,
         hash: &str,
     ) -> Result<Summary, StudyError> {
-        let study = &self.plan.study;
-        let why = self.lost.clone().unwrap_or_else(|| "stopped by the user".to_owned());
+        let (study, dir) = (&self.plan.study, &ensemble.dir);
+        let why = ensemble.lost.clone().unwrap_or_else(|| "stopped by the user".to_owned());
         let left = |w| Row::not_run(w, summary::Status::Interrupted, why.clone());
         let rows: Vec<Row> = (0..self.plan.worlds.len())
             .map(|w| self.rows.get(&w).cloned().unwrap_or_else(|| left(w)))
             .collect();
-        self.table(&rows)?;
+        self.table(dir, &rows)?;
         let counts = Counts::of(rows.iter().map(|row| row.status));
         let mut measures = Vec::new();
         for measure in &self.plan.measures {
             let mut fits = Vec::new();
             for k in 0..study.parameters.len() {
-                fits.extend(self.fitted(k, measure, &rows)?);
+                fits.extend(self.fitted(dir, k, measure, &rows)?);
             }
             measures.push(Measured { measure: measure.clone(), fits });
         }
@@ -174,15 +176,15 @@ impl Sweep<'_> {
         let wall_s = started.elapsed().as_secs_f64();
         let summary = Summary {
             title: study.title.clone(),
-            status: counts.status(self.lost.is_some()),
-            reason: self.lost.clone(),
+            status: counts.status(ensemble.lost.is_some()),
+            reason: ensemble.lost.clone(),
             provenance: summary::Provenance {
                 version: env!("CARGO_PKG_VERSION").to_owned(),
-                commit: self.settings.commit.clone(),
+                commit: ensemble.settings.commit.clone(),
                 scene_hash: hash.to_owned(),
                 seed: study.seed,
             },
-            device: self.settings.backend.device(),
+            device: ensemble.settings.backend.device(),
             sampler: study.sampler.name(),
             parameters: parameters
                 .map(|(name, path, unit)| Named { name: name.clone(), path: path.clone(), unit })
@@ -202,21 +204,21 @@ impl Sweep<'_> {
                 })
                 .collect(),
             performance: summary::Performance {
-                particle_steps_per_second: self.particle_steps / wall_s,
+                particle_steps_per_second: ensemble.particle_steps / wall_s,
                 wall_s,
-                steps: self.steps,
+                steps: ensemble.steps,
                 phases: BTreeMap::new(),
             },
             warnings,
         };
-        write_atomic(&self.dir.summary(), |out| {
+        write_atomic(&dir.summary(), |out| {
             serde_json::to_writer_pretty(&mut *out, &summary)?;
             out.write_all(b"\n")
         })?;
         Ok(summary)
     }
 
-    fn table(&self, rows: &[Row]) -> Result<(), StudyError> {
+    fn table(&self, dir: &OutputDir, rows: &[Row]) -> Result<(), StudyError> {
         let [world, ends @ ..] = COLUMNS;
         let (study, measures) = (&self.plan.study, &self.plan.measures);
         let mut header = vec![world.to_owned()];
@@ -234,7 +236,7 @@ impl Sweep<'_> {
                 Value::Text(_) => Cell::Text(value.shown()),
             }));
             for measure in measures {
-                let m = row.measured(measure);
+                let m = row.measured(&measure.stage, &measure.name);
                 let m = m.unwrap_or(summary::Measure { mean: f64::NAN, std: f64::NAN, n: 0 });
                 cells.extend([Cell::Number(m.mean), Cell::Number(m.std), Cell::Count(m.n)]);
             }
@@ -247,12 +249,13 @@ impl Sweep<'_> {
             cells.extend([text(&row.reason), text(&row.state_hash)]);
             cells
         };
-        Ok(write_table(&self.dir.worlds(), &header, &rows.iter().map(cells).collect::<Vec<_>>())?)
+        Ok(write_table(&dir.worlds(), &header, &rows.iter().map(cells).collect::<Vec<_>>())?)
     }
 
     /// The curves of a measure over a parameter, if that is a number which varies, and their plot.
     fn fitted(
         &self,
+        dir: &OutputDir,
         parameter: usize,
         measure: &Measure,
         rows: &[Row],
@@ -261,7 +264,7 @@ impl Sweep<'_> {
         let point = |row: &Row| {
             let x = self.plan.worlds[row.world].world.values.get(parameter)?.number()?;
             let done = row.status == summary::Status::Done;
-            row.measured(measure).filter(|m| done && m.n > 0).map(|m| (x, m.mean))
+            row.measured(&measure.stage, &measure.name).filter(|m| done && m.n > 0).map(|m| (x, m.mean))
         };
         let (x, y): (Vec<f64>, Vec<f64>) = rows.iter().filter_map(point).unzip();
         let [low, high] = [f64::min, f64::max].map(|f: fn(f64, f64) -> f64| x.iter().copied().reduce(f));
@@ -302,23 +305,13 @@ impl Sweep<'_> {
         }
         .to_svg();
         let [stage, name, over] = [&measure.stage, &measure.name, &p.name].map(|n| file_word(n));
-        self.dir.write_plot(&format!("{stage}_{name}_over_{over}"), &svg)?;
+        dir.write_plot(&format!("{stage}_{name}_over_{over}"), &svg)?;
         Ok(Some(Fitted { parameter: p.name.clone(), worlds: x.len(), linear: line, power: law }))
     }
 }
 
 fn of(x: &[f64], curve: impl Fn(f64) -> f64) -> Vec<f64> {
     x.iter().map(|x| curve(*x)).collect()
-}
-
-/// Four digits of a number.
-fn short(x: f64) -> String {
-    if x == 0.0 || (1e-3..1e5).contains(&x.abs()) {
-        let decimals = (3 - x.abs().max(1e-3).log10().floor() as i32).clamp(0, 6) as usize;
-        format!("{x:.decimals$}")
-    } else {
-        format!("{x:.3e}")
-    }
 }
 
 /// How a status is written in tables.

@@ -1,0 +1,155 @@
+//! `glebe calibrate`: parameters for which scenes measure what was measured.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use glebe_io::study::Calibration;
+use glebe_study::calibrate::{Plan, Summary, run as run_calibration};
+
+use super::bar::{Watch, catch_interrupts, interrupted};
+use super::check::duration;
+use super::run::before_the_start;
+use super::study::{Came, StudyArgs};
+use super::ui::shell_word;
+use super::{Ended, Problem, Ui};
+
+/// Finds the parameters for which scenes measure what was measured
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  glebe new field --template calibration --quick     a calibration to start from
+  glebe calibrate field/study.toml
+  glebe calibrate field/study.toml --resume          after Ctrl-C, a crash or a full disk: the rest only
+  glebe calibrate field/study.toml --resume --set stop.rounds=90     goes on with more rounds
+  glebe run field/out/best.toml                      the best parameters, with frames and series
+
+Worlds that are refused or fail have no cost, with their reason; the exit code is 0 if any evaluation has one.",
+    mut_arg("study", |arg| arg.help("The calibration file")),
+    mut_arg("sets", |arg| arg.help(
+        "Replaces a value of the calibration: keys joined by dots, such as stop.rounds=20"
+    )),
+    mut_arg("batches", |arg| arg.help(
+        "Batches to divide a round into [default: as few as memory allows]; results do not depend on it"
+    )))]
+pub(super) struct Args {
+    #[command(flatten)]
+    study: StudyArgs,
+}
+
+/// A calibration whose scenes can be set up in the middle of its ranges.
+pub(super) fn plan(path: &Path, sets: &[String], ui: &Ui) -> Result<Plan, Problem> {
+    let calibration = Calibration::load(path, sets).map_err(Problem::Scene)?;
+    let plan = Plan::new(calibration).map_err(|errors| {
+        ui.note("with every parameter in the middle of its range:");
+        Problem::Scene(errors)
+    })?;
+    plan.warnings.iter().for_each(|warning| ui.warn(warning));
+    Ok(plan)
+}
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
+    let args = &args.study;
+    let compute = &args.compute;
+    let ui = &ui.quieted(compute.quiet);
+    catch_interrupts().map_err(Problem::Failed)?;
+    compute.start_threads()?;
+    let device = compute.device.open(0)?;
+    let plan = plan(&args.study, &args.sets, ui)?;
+    let chosen = device.admit(plan.middle())?;
+    chosen.note.iter().for_each(|line| ui.note(line));
+    if interrupted() {
+        return Ok(before_the_start(ui));
+    }
+    let mut watch = Watch::new(ui);
+    let summary = run_calibration(&plan, &args.settings(chosen.backend), &mut watch)?;
+    drop(watch);
+    let came = Came::of(&summary, summary.status, summary.reason.as_deref());
+    args.finish("calibrate", &came.or("no evaluation has a cost", "evaluations.csv"), &told(&summary), ui)
+}
+
+/// The answer, as tables.
+fn told(s: &Summary) -> String {
+    let mut text = format!(
+        "{} evaluations in {} ({} of them without a cost); ended by {} after {} rounds of {}\n",
+        s.counts.evaluations,
+        duration(s.performance.wall_s),
+        s.counts.evaluations - s.counts.done,
+        s.ended_by,
+        s.rounds.len(),
+        s.method
+    );
+    let mut rows =
+        vec![vec!["best".to_owned(), "value".to_owned(), "unit".to_owned(), "uncertainty".to_owned()]];
+    for p in &s.parameters {
+        let known = match (&p.posterior, &p.known) {
+            (Some(i), _) => format!("95 % in {} … {}", number(i.credible_95[0]), number(i.credible_95[1])),
+            (None, Some(k)) => format!("{} of its range's", number(k.uncertainty)),
+            (None, None) => String::new(),
+        };
+        rows.push(vec![p.name.clone(), number(p.best), p.unit.to_owned(), known]);
+    }
+    for t in &s.targets {
+        let wanted = format!("wanted {} ± {}", number(t.value), number(t.scatter));
+        rows.push(vec![t.name.clone(), number(t.best), t.unit.to_owned(), wanted]);
+    }
+    text += &table(&rows);
+    let clusters = s.clusters.len();
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        text,
+        "{} good agents; the best, up to a cost of {}, in {clusters} cluster{} (silhouette {:.2}):",
+        s.good,
+        number(s.clusters_up_to_cost),
+        if clusters == 1 { "" } else { "s" },
+        s.silhouette
+    );
+    let names = |head: &str| std::iter::once(head.to_owned()).chain((1..=clusters).map(|k| format!("#{k}")));
+    let mut rows = vec![names("mean of").collect::<Vec<_>>()];
+    let mut row = |name: &str, value: &dyn Fn(&glebe_study::calibrate::Cluster) -> String| {
+        rows.push(std::iter::once(name.to_owned()).chain(s.clusters.iter().map(value)).collect());
+    };
+    let of = |value: Option<&f64>| number(value.copied().unwrap_or(f64::NAN));
+    for p in s.parameters.iter().filter(|p| p.bounds.is_some()) {
+        row(&p.name, &|c| of(c.parameters.get(&p.name)));
+    }
+    for t in &s.targets {
+        row(&t.name, &|c| of(c.targets.get(&t.name)));
+    }
+    row("agents", &|c| c.agents.to_string());
+    text += &table(&rows);
+    for path in s.best_scenes.values() {
+        let _ = writeln!(text, "the best as a scene:  glebe run {}", shell_word(&path.display().to_string()));
+    }
+    text
+}
+
+/// Five digits of a number.
+fn number(x: f64) -> String {
+    if !x.is_finite() {
+        return "-".to_owned();
+    }
+    if x == 0.0 || (1e-3..1e6).contains(&x.abs()) {
+        let decimals = (4 - x.abs().max(1e-3).log10().floor() as i32).clamp(0, 7) as usize;
+        return format!("{x:.decimals$}");
+    }
+    format!("{x:.4e}")
+}
+
+/// Columns side by side; the first to the left, the others to the right but for the last of words.
+fn table(rows: &[Vec<String>]) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |k: usize| rows.iter().filter_map(|r| r.get(k)).map(|c| c.chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    let mut text = String::new();
+    for row in rows {
+        let mut line = String::from(" ");
+        for (k, cell) in row.iter().enumerate() {
+            let pad = " ".repeat(widths[k] - cell.chars().count());
+            // Writing to a string cannot fail.
+            let _ = if k == 0 { write!(line, " {cell}{pad}") } else { write!(line, "  {pad}{cell}") };
+        }
+        text += line.trim_end();
+        text.push('\n');
+    }
+    text
+}

@@ -1,0 +1,298 @@
+//! Calibrations: parameters of a synthetic truth are found again, those that cannot be are told, and a calibration that is
+//! interrupted, killed or divided ends with the same bytes.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail by panicking")]
+
+mod cli_common;
+
+use std::fs;
+use std::process::Command;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use cli_common::{Ended, Place};
+use serde_json::Value;
+
+/// A ball falls on a floor without gravity: the mean force is (1 + e) m v over the time, the standard deviation tells
+/// how long the impact lasts, and so the stiffness.
+const DROP: &str = r#"
+[domain]
+min = [-0.05, -0.05, 0]
+max = [0.05, 0.05, 0.1]
+sides = { x = "open", y = "open", z = "open" }
+material = "ball"
+
+[time]
+step = "4 us"
+
+[material.ball]
+density = 2500
+youngs_modulus = "5 MPa"
+poissons_ratio = 0.3
+restitution = 0.6
+friction = 0.3
+
+[particles.ball]
+material = "ball"
+count = 1
+radius = "10 mm"
+fill = "lattice"
+velocity = [0, 0, -1]
+region = { min = [-0.01, -0.01, 0.0005], max = [0.01, 0.01, 0.0205] }
+
+[geometry.floor]
+plane = { point = [0, 0, 0], normal = [0, 0, 1] }
+material = "ball"
+
+[[stage]]
+name = "bounce"
+duration = "6 ms"
+measure.force = { of = "floor.fz" }
+
+[output]
+series = "1 ms"
+"#;
+
+const TRUTH: [(&str, f64); 2] = [("restitution", 0.6), ("stiffness", 5e6)];
+
+/// The truth's own measures as targets, and its parameters free.
+fn place() -> (Place, [f64; 2]) {
+    let place = Place::new();
+    place.write("scene.toml", DROP);
+    let truth =
+        place.glebe(&["run", "scene.toml", "--out", "truth", "--json", "--no-cache"]).expect(0).json();
+    let force = &truth["stages"][0]["measures"]["force"];
+    let [mean, std] = ["mean", "std"].map(|part| force[part].as_f64().unwrap());
+    let study = format!(
+        r#"title = "A ball"
+scene = "scene.toml"
+
+[free.restitution]
+path = "material.ball.restitution"
+bounds = [0.1, 0.95]
+
+[free.stiffness]
+path = "material.ball.youngs_modulus"
+bounds = ["1 MPa", "50 MPa"]
+scale = "logarithmic"
+
+[target.mean]
+measure = "bounce.force"
+value = {mean}
+scatter = 0.01
+
+[target.deviation]
+measure = "bounce.force"
+statistic = "std"
+value = {std}
+scatter = 0.02
+"#
+    );
+    place.write("study.toml", study);
+    (place, [mean, std])
+}
+
+fn bytes(place: &Place, name: &str) -> Vec<u8> {
+    fs::read(place.path(name)).unwrap()
+}
+
+fn calibrate<'a>(out: &'a str, sets: &[&'a str]) -> Vec<&'a str> {
+    let mut args = vec!["calibrate", "study.toml", "--no-cache", "--device", "cpu", "--out", out];
+    args.extend(sets.iter().flat_map(|set| ["--set", set]));
+    args
+}
+
+fn of<'a>(summary: &'a Value, name: &str) -> &'a Value {
+    let parameters = summary["parameters"].as_array().unwrap();
+    parameters.iter().find(|p| p["name"] == name).unwrap()
+}
+
+/// Each method finds the parameters of a drop within 2 %, and the best scene is that of the best evaluation.
+#[test]
+fn the_parameters_of_a_drop_test_are_found_by_every_method() {
+    let (place, [mean, _]) = place();
+    let methods = [
+        ("evolution", "method.differential-evolution={ population = 10, adaptive = true }", "stop.rounds=30"),
+        ("cma", "method.cma-es={}", "stop.cost=0.2"),
+        ("filter", "method.bayesian-filter={ samples = 64 }", "stop.rounds=7"),
+    ];
+    for (out, method, stop) in methods {
+        let found = place.glebe(&[&calibrate(out, &[method, stop])[..], &["--json"]].concat());
+        let summary = found.expect(0).json();
+        assert_eq!(summary["status"], "done");
+        for (name, truth) in TRUTH {
+            let p = of(&summary, name);
+            let estimate = if out == "filter" { &p["posterior"]["median"] } else { &p["best"] };
+            let ratio = estimate.as_f64().unwrap() / truth;
+            assert!((ratio - 1.0).abs() < 0.02, "{out}: {name} is {ratio} of the truth");
+            assert_eq!(p["known"]["determined"], true, "{out}: {name}");
+            if out == "filter" {
+                let interval: Vec<f64> = p["posterior"]["credible_95"]
+                    .as_array()
+                    .unwrap()
+                    .iter()
+                    .map(|x| x.as_f64().unwrap())
+                    .collect();
+                assert!(interval[0] < truth && truth < interval[1], "{interval:?}");
+            }
+        }
+        assert!(summary["warnings"].as_array().unwrap().is_empty(), "{}", summary["warnings"]);
+        assert!(place.path(out).join("convergence.svg").exists());
+    }
+    assert_eq!(place.summary("cma")["ended_by"], "cost");
+    assert!(place.path("filter/posterior_restitution_stiffness.svg").exists());
+    // The best scene runs, and gives what its evaluation gave, to the bit.
+    place.glebe(&["run", "cma/best.toml", "--out", "again", "--no-cache"]).expect(0);
+    let summary = place.summary("cma");
+    let again = place.summary("again");
+    assert_eq!(again["stages"][0]["measures"]["force"]["mean"], summary["best"][0]["targets"]["mean"]);
+    assert!((summary["targets"][0]["best"].as_f64().unwrap() / mean - 1.0).abs() < 0.01);
+    let table = fs::read_to_string(place.path("cma/evaluations.csv")).unwrap();
+    let header = "evaluation,round,restitution,stiffness,mean,deviation,cost,status,reason,state_hash";
+    assert_eq!(table.lines().next().unwrap(), header);
+    assert!(table.contains(&place.hash("again")));
+}
+
+/// With one target, what the restitution takes away a larger density brings back; friction does nothing at all.
+#[test]
+fn parameters_that_a_target_cannot_tell_apart_are_told() {
+    let (place, _) = place();
+    let study = fs::read_to_string(place.path("study.toml")).unwrap();
+    let study = study.split("[free.stiffness]").next().unwrap().to_owned()
+        + "[free.density]\npath = \"material.ball.density\"\nbounds = [2000, 3000]\n\
+           [free.friction]\npath = \"material.ball.friction\"\nbounds = [0.1, 0.9]\n\
+           [target.mean]"
+        + study.split("[target.mean]").nth(1).unwrap().split("[target.deviation]").next().unwrap();
+    place.write("study.toml", study);
+    let sets = ["method.cma-es.population=10", "stop.cost=0.1", "stop.rounds=60"];
+    let found = place.glebe(&calibrate("out", &sets));
+    found.expect(0).says(&[
+        "1 target cannot tell 3 free parameters apart",
+        "do not determine `restitution`",
+        "apart from `density` (-1.00)",
+        "do not determine `friction`: its uncertainty is 100",
+    ]);
+    let summary = place.summary("out");
+    let determined = |name: &str| of(&summary, name)["known"]["determined"].clone();
+    assert_eq!(
+        [determined("restitution"), determined("density"), determined("friction")],
+        [false, false, false]
+    );
+    assert_eq!(of(&summary, "friction")["sensitivity"]["mean"], 0.0);
+}
+
+fn ended(place: &Place, out: &str) -> usize {
+    let journal = fs::read_to_string(place.path(out).join("journal.jsonl"));
+    journal.map_or(0, |text| text.lines().count().saturating_sub(1))
+}
+
+#[test]
+fn a_calibration_that_is_killed_or_divided_ends_with_the_same_bytes() {
+    let (place, _) = place();
+    let sets = ["method.differential-evolution={ population = 8 }", "stop.rounds=12"];
+    place.glebe(&calibrate("whole", &sets)).expect(0);
+    let parts = calibrate("parts", &sets);
+    let resume = [&parts[..], &["--resume"]].concat();
+    let wait_for = |count: usize| {
+        let started = Instant::now();
+        while ended(&place, "parts") < count {
+            assert!(started.elapsed() < Duration::from_secs(60), "not after a minute");
+            sleep(Duration::from_millis(2));
+        }
+    };
+    let child = place.command(&[&parts[..], &["--threads", "1", "--batches", "3"]].concat()).spawn().unwrap();
+    wait_for(20);
+    assert!(Command::new("kill").args(["-KILL", &child.id().to_string()]).status().unwrap().success());
+    Ended::of(&child.wait_with_output().unwrap()).expect(-1);
+    assert!(ended(&place, "parts") < 100, "it was not killed on the way");
+    // With a line that was not finished.
+    let mut journal = fs::read_to_string(place.path("parts/journal.jsonl")).unwrap();
+    journal.push_str("{\"world\":99,\"sta");
+    place.write("parts/journal.jsonl", journal);
+    let child = place.command(&resume).spawn().unwrap();
+    wait_for(50);
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    let stopped = Ended::of(&child.wait_with_output().unwrap());
+    if ended(&place, "parts") < 100 {
+        stopped.expect(130).says(&["To go on: glebe calibrate study.toml --out parts --resume"]);
+        assert_eq!(place.summary("parts")["status"], "interrupted");
+    }
+    let other = [&resume[..], &["--set", "free.restitution.bounds=[0, 1]"]].concat();
+    place.glebe(&other).expect(2).says(&["belong to another study"]);
+    place.glebe(&resume).expect(0).says(&["worlds have ended already"]);
+    for name in ["evaluations.csv", "best.toml", "convergence.svg"] {
+        assert_eq!(
+            bytes(&place, &format!("parts/{name}")),
+            bytes(&place, &format!("whole/{name}")),
+            "{name}"
+        );
+    }
+    // More rounds go on where it ended, and end where a longer search ends that was never stopped.
+    let longer = [sets[0], "stop.rounds=14"];
+    place.glebe(&[&calibrate("parts", &longer)[..], &["--resume"]].concat()).expect(0);
+    place.glebe(&[&calibrate("whole", &longer)[..], &["--force"]].concat()).expect(0);
+    assert_eq!(bytes(&place, "parts/evaluations.csv"), bytes(&place, "whole/evaluations.csv"));
+    assert_eq!(place.summary("parts")["best"], place.summary("whole")["best"]);
+}
+
+/// Two experiments at different speeds share the parameters; those that are refused or fail have no cost.
+#[test]
+fn failures_cost_nothing_but_themselves_and_experiments_share_parameters() {
+    let (place, _) = place();
+    let faster = DROP.replace("velocity = [0, 0, -1]", "velocity = [0, 0, -2]");
+    place.write("fast.toml", faster);
+    let truth = place.glebe(&["run", "fast.toml", "--out", "fast", "--json", "--no-cache"]).expect(0).json();
+    let fast = truth["stages"][0]["measures"]["force"]["mean"].as_f64().unwrap();
+    let study = fs::read_to_string(place.path("study.toml")).unwrap();
+    let study = study
+        .replace("scene = \"scene.toml\"", "[experiment.slow]\nscene = \"scene.toml\"\n[experiment.fast]\nscene = \"scene.toml\"\nset = [\"particles.ball.velocity.2=-2\"]\n")
+        .replace("measure =", "experiment = \"slow\"\nmeasure =")
+        // Below 20 kPa the ball goes too deep into the floor.
+        .replace("\"1 MPa\"", "\"1 kPa\"")
+        + &format!("[target.fast]\nexperiment = \"fast\"\nmeasure = \"bounce.force\"\nvalue = {fast}\nscatter = 0.02\n");
+    place.write("study.toml", study);
+    let sets = ["method.cma-es.population=12", "stop.rounds=8"];
+    let found = place.glebe(&[&calibrate("out", &sets)[..], &["--json"]].concat());
+    let summary = found.expect(0).json();
+    assert_eq!(summary["status"], "done");
+    let counts = &summary["counts"];
+    assert!(counts["failed"].as_u64().unwrap() > 0 && counts["done"].as_u64().unwrap() > 50, "{counts}");
+    let table = fs::read_to_string(place.path("out/evaluations.csv")).unwrap();
+    assert!(table.lines().any(|line| line.contains("failed") && line.contains("overlap")), "{table}");
+    for name in ["best_slow.toml", "best_fast.toml"] {
+        place.glebe(&["run", &format!("out/{name}"), "--out", name, "--no-cache"]).expect(0);
+    }
+    let again = place.summary("best_fast.toml");
+    assert_eq!(again["stages"][0]["measures"]["force"]["mean"], summary["best"][0]["targets"]["fast"]);
+    // Nothing left that could have a cost: the reasons are told.
+    let soft = ["free.stiffness.bounds=[1e3, 2e3]", "method.cma-es.population=4", "stop.rounds=1"];
+    let none = place.glebe(&calibrate("none", &soft));
+    none.expect(1).says(&["no evaluation has a cost", "evaluations.csv"]);
+}
+
+#[test]
+fn check_schema_and_new_know_calibrations() {
+    let (place, _) = place();
+    let found = place.glebe(&["check", "study.toml", "--json"]).expect(0).json();
+    assert_eq!((&found["evaluations_of_a_round"], &found["most_evaluations"]), (&60.into(), &2704.into()));
+    assert_eq!(found["free"], serde_json::json!(["restitution", "stiffness"]));
+    let wrong =
+        place.glebe(&["calibrate", "study.toml", "--set", "free.stiffness.path=material.bal.density"]);
+    wrong.expect(2).says(&["did you mean `ball`?", "nothing was run"]);
+    assert!(!place.path("out").exists());
+    place.glebe(&["calibrate", "none.toml"]).expect(2).says(&["cannot read", "--template calibration"]);
+    // In the middle of the ranges the scene cannot be set up.
+    let refused = place.glebe(&["calibrate", "study.toml", "--set", "free.restitution.bounds=[1, 9]"]);
+    refused.expect(2).says(&["in the middle of its range", "restitution"]);
+    let schema: Value = place.glebe(&["schema", "calibration"]).expect(0).json();
+    assert!(schema["properties"]["free"].is_object());
+    for (folder, size) in [("quick", &["--quick"][..]), ("full", &[])] {
+        let made = place.glebe(&[&["new", folder, "--template", "calibration"], size].concat());
+        assert!(
+            made.expect(0).stdout.contains(&format!("glebe calibrate {folder}/study.toml")),
+            "{}",
+            made.stdout
+        );
+        place.glebe(&["check", &format!("{folder}/study.toml")]).expect(0);
+    }
+}

@@ -1,0 +1,585 @@
+//! Calibration files: which values of a scene are free, and what its measures should come to. TOML in, a checked
+//! [`Calibration`] or every mistake at once.
+//!
+//! ```toml
+//! scene = "scene.toml"
+//!
+//! [free.density]
+//! path = "material.soil.density"
+//! bounds = [500, 2500]
+//!
+//! [free.stiffness]
+//! path = "material.soil.youngs_modulus"
+//! bounds = ["50 kPa", "10 MPa"]
+//! scale = "logarithmic"
+//!
+//! [target.draught]
+//! measure = "till.draught_force"
+//! value = "309.5 N"
+//! scatter = "14.5 N"
+//! ```
+
+mod fields;
+
+use std::path::{Path, PathBuf};
+
+use super::{Follower, follower, number_in, read_scene, target};
+use crate::input;
+use crate::scene::check::{Checker, Known, Record, quoted};
+use crate::scene::document::{self, Node, Value as Written};
+use crate::scene::error::{SceneError, Source};
+use crate::scene::schema::schema_of;
+use crate::scene::set;
+use crate::scene::spelling::advice;
+use crate::scene::table::{Field, Kind};
+use crate::scene::{Located, MOST_BYTES, first};
+use crate::units::Dimension;
+use fields::CALIBRATION;
+
+/// Columns of results that are not parameters or targets; nothing free may be called like one.
+pub const CALIBRATION_COLUMNS: [&str; 6] = ["evaluation", "round", "cost", "status", "reason", "state_hash"];
+
+/// A calibration file that passed every check that does not need its worlds.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Calibration {
+    /// Name for output and messages.
+    pub title: String,
+    /// Seed of the search.
+    pub seed: u64,
+    /// The scenes that share the parameters; at least one.
+    pub experiments: Vec<Experiment>,
+    /// The free parameters, in the order of the file.
+    pub free: Vec<Free>,
+    /// What follows them, in the order of the file.
+    pub followers: Vec<Follower>,
+    /// What is to be met, in the order of the file.
+    pub targets: Vec<Target>,
+    /// How it is searched.
+    pub method: Method,
+    /// When the search ends.
+    pub stop: Stop,
+    /// The cost up to which an evaluation counts as good.
+    pub good: f64,
+    /// The share of their ranges by which parameters are changed to find how the targets depend on them; 0 if not.
+    pub probe: f64,
+    /// The file itself.
+    pub text: String,
+}
+
+/// A scene that is run for every set of parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Experiment {
+    /// Its name; empty if there is only one.
+    pub name: String,
+    /// The scene file: the calibration's folder with the path as written.
+    pub scene: PathBuf,
+    /// What stands in it.
+    pub scene_text: String,
+    /// By which arguments of `--set` it is changed.
+    pub sets: Vec<String>,
+}
+
+/// A free parameter.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Free {
+    /// Its name.
+    pub name: String,
+    /// The value of the scenes, as for `--set`.
+    pub path: String,
+    /// Its SI unit; empty if it has none.
+    pub unit: &'static str,
+    /// The least and the largest, in SI units.
+    pub bounds: [f64; 2],
+    /// Whether equal steps are equal ratios; the bounds are then above 0.
+    pub logarithmic: bool,
+    /// Whether it is rounded to a whole number.
+    pub whole: bool,
+}
+
+/// A number that a measure should come to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Target {
+    /// Its name.
+    pub name: String,
+    /// Number of the experiment.
+    pub experiment: usize,
+    /// The stage that measures it.
+    pub stage: String,
+    /// The measure.
+    pub measure: String,
+    /// What of it.
+    pub statistic: Statistic,
+    /// What it should be, in SI units.
+    pub value: f64,
+    /// How far it may be off: the standard deviation of what was measured, in SI units; above 0.
+    pub scatter: f64,
+    /// How much it counts; above 0.
+    pub weight: f64,
+    /// Its SI unit.
+    pub unit: &'static str,
+}
+
+/// A number of a measure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Statistic {
+    /// The mean.
+    #[default]
+    Mean,
+    /// The standard deviation.
+    Std,
+}
+
+/// How parameters are searched.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Method {
+    /// Differential evolution: population, F, CR, and whether agents adapt F and CR.
+    DifferentialEvolution {
+        /// Agents.
+        population: usize,
+        /// F.
+        weight: f64,
+        /// CR.
+        crossover: f64,
+        /// Whether each agent adapts F and CR.
+        adaptive: bool,
+    },
+    /// CMA-ES.
+    CmaEs {
+        /// Points of a round, if other than usual.
+        population: Option<usize>,
+    },
+    /// The iterative Bayesian filter.
+    BayesianFilter {
+        /// Samples of a round.
+        samples: usize,
+        /// The share of them that the effective sample size is to be.
+        effective: f64,
+    },
+}
+
+impl Method {
+    /// Its name in files.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::DifferentialEvolution { .. } => "differential-evolution",
+            Self::CmaEs { .. } => "cma-es",
+            Self::BayesianFilter { .. } => "bayesian-filter",
+        }
+    }
+}
+
+/// When a search ends: as soon as one of these holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stop {
+    /// So many rounds are done, the first included.
+    pub rounds: usize,
+    /// Another round, after the first, would need more evaluations than this.
+    pub evaluations: Option<usize>,
+    /// A cost is not above this.
+    pub cost: Option<f64>,
+    /// So many rounds brought no lower cost.
+    pub stagnation: Option<usize>,
+}
+
+impl Calibration {
+    /// Reads the calibration file `path`; see [`Calibration::parse`].
+    ///
+    /// # Errors
+    /// Everything that is wrong with it, in the order of the file.
+    pub fn load(path: &Path, sets: &[String]) -> Result<Self, Vec<SceneError>> {
+        let help = "give the path of a calibration; `glebe new NAME --template calibration` makes one";
+        let text =
+            input::read_text(path, MOST_BYTES).map_err(|e| vec![SceneError::unreadable(path, &e, help)])?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        Self::parse(&path.display().to_string(), &text, folder, sets)
+    }
+
+    /// Reads the calibration `text`, for which `name` stands in messages, and the scenes that it names, relative to
+    /// `folder`. Each of `sets` is `path=value` and replaces or adds a value of the calibration before anything is
+    /// checked, as for scenes ([`crate::scene::Scene::parse`]).
+    ///
+    /// # Errors
+    /// Everything that is wrong with it, in the order of the file; none of them is a warning.
+    pub fn parse(name: &str, text: &str, folder: &Path, sets: &[String]) -> Result<Self, Vec<SceneError>> {
+        let source = Source::new(name, text);
+        let mut root = document::parse(&source).map_err(first)?;
+        let found = set::apply(&mut root, &CALIBRATION, sets);
+        let known = Known::default();
+        let mut reader = Reader { checker: Checker { known: &known, found }, scenes: Vec::new() };
+        let file = reader.checker.table(&root, &CALIBRATION, "");
+        let experiments = reader.experiments(&file, folder)?;
+        let mut calibration = reader.calibration(&file, experiments);
+        let (_, mut errors): (Vec<_>, Vec<_>) =
+            reader.checker.found.into_iter().partition(SceneError::is_warning);
+        if errors.is_empty() {
+            text.clone_into(&mut calibration.text);
+            return Ok(calibration);
+        }
+        errors.sort_by_key(|e| {
+            if e.place().source().name() == name { e.place().span().start } else { usize::MAX }
+        });
+        Err(first(errors))
+    }
+
+    /// Whether a file can be read and is meant to be a calibration.
+    pub fn is_at(path: &Path) -> bool {
+        input::read_text(path, MOST_BYTES).is_ok_and(|text| Self::is_meant(&text))
+    }
+
+    /// Whether a text is meant to be a calibration: it says what is free, or has targets.
+    pub fn is_meant(text: &str) -> bool {
+        let parsed = document::parse(&Source::new("", text));
+        parsed.is_ok_and(|root| root.get("free").is_some() || root.get("target").is_some())
+    }
+}
+
+/// The JSON Schema of calibration files, for editors.
+pub fn calibration_schema() -> serde_json::Value {
+    schema_of(&CALIBRATION, "glebe calibration")
+}
+
+struct Reader<'a> {
+    checker: Checker<'a>,
+    /// The scene of each experiment, if it could be read.
+    scenes: Vec<Option<Node>>,
+}
+
+impl Reader<'_> {
+    fn experiments(&mut self, file: &Record, folder: &Path) -> Result<Vec<Experiment>, Vec<SceneError>> {
+        let shared = file.located_if("scene");
+        let nothing = [];
+        let named = if file.has("experiment") { file.named("experiment") } else { &nothing };
+        let mut all = Vec::new();
+        let mut add = |reader: &mut Self,
+                       name: &str,
+                       scene: Option<Located<String>>,
+                       sets|
+         -> Result<(), Vec<SceneError>> {
+            let Some(scene) = scene else { return Ok(()) };
+            let path = Located { value: folder.join(&scene.value), place: scene.place };
+            let read = read_scene(&mut reader.checker, &path)?;
+            let (root, text) = read.map_or((None, String::new()), |(root, text)| (Some(root), text));
+            reader.scenes.push(root);
+            all.push(Experiment { name: name.to_owned(), scene: path.value, scene_text: text, sets });
+            Ok(())
+        };
+        if named.is_empty() {
+            if shared.is_none() && !file.written("scene") {
+                let message = "the calibration needs `scene`".to_owned();
+                self.checker.error(
+                    SceneError::new("missing", &file.place, message)
+                        .label("`scene` is missing")
+                        .help("write scene = \"…\", or [experiment.NAME] with a scene for each of several"),
+                );
+            }
+            add(self, "", shared.clone(), Vec::new())?;
+        }
+        for (name, record) in named {
+            let sets = self.sets(record, &name.value);
+            let own = record.located_if("scene");
+            if own.is_none() && shared.is_none() && !record.written("scene") {
+                let message = format!("`experiment.{}` needs `scene`", name.value);
+                self.checker.error(
+                    SceneError::new("missing", &name.place, message)
+                        .label("of which scene?")
+                        .help("write its scene = \"…\" here, or one for all above the tables"),
+                );
+            }
+            add(self, &name.value, own.or_else(|| shared.clone()), sets)?;
+        }
+        Ok(all)
+    }
+
+    /// A list of arguments of `--set`.
+    fn sets(&mut self, record: &Record, name: &str) -> Vec<String> {
+        let Some(node) = record.node("set") else { return Vec::new() };
+        let items = if let Written::Array(items) = &node.value { items.as_slice() } else { &[] };
+        let texts: Option<Vec<String>> = items
+            .iter()
+            .map(|item| if let Written::Text(text) = &item.value { Some(text.clone()) } else { None })
+            .collect();
+        if let (Written::Array(_), Some(texts)) = (&node.value, texts) {
+            return texts;
+        }
+        let message = format!("`experiment.{name}.set` is {}", node.kind());
+        self.checker.error(
+            SceneError::new("wrong-kind", &node.place, message)
+                .label("not a list of texts")
+                .help("write set = [\"stage.till.move.sweep.velocity=[1, 0, 0]\"], as for --set"),
+        );
+        Vec::new()
+    }
+
+    fn calibration(&mut self, file: &Record, experiments: Vec<Experiment>) -> Calibration {
+        let free: Vec<Free> = file.named("free").iter().filter_map(|(n, r)| self.free(&n.value, r)).collect();
+        let some = |key: &str, message: &str, help: &str| {
+            (file.has(key) && file.named(key).is_empty()).then(|| {
+                SceneError::new("missing", file.place(key), message.to_owned()).label("empty").help(help)
+            })
+        };
+        let empty = [
+            some(
+                "free",
+                "nothing is free in this calibration",
+                "write [free.NAME] with a path and its bounds",
+            ),
+            some(
+                "target",
+                "this calibration has no target",
+                "write [target.NAME] with a measure and its value",
+            ),
+        ];
+        empty.into_iter().flatten().for_each(|error| self.checker.error(error));
+        let names: Vec<(&str, bool)> =
+            file.named("free").iter().map(|(name, _)| (name.value.as_str(), true)).collect();
+        let scene = self.scenes.first().and_then(Option::as_ref);
+        let followers = file
+            .named("follow")
+            .iter()
+            .filter_map(|(n, r)| follower(&mut self.checker, scene, None, &n.value, r, &names))
+            .collect();
+        let targets =
+            file.named("target").iter().filter_map(|(n, r)| self.target(&n.value, r, &experiments)).collect();
+        self.names_differ(file);
+        let method = method(file);
+        let stop = self.stop(file, &method);
+        Calibration {
+            title: file.text("title"),
+            seed: file.integer("seed"),
+            experiments,
+            free,
+            followers,
+            targets,
+            method,
+            stop,
+            good: file.number("good"),
+            probe: file.number("probe"),
+            text: String::new(),
+        }
+    }
+
+    fn free(&mut self, name: &str, record: &Record) -> Option<Free> {
+        // It must lead somewhere in each scene; one message is enough.
+        let mut found = None;
+        for scene in self.scenes.iter().flatten() {
+            found = Some(target(&mut self.checker, scene, None, record)?);
+        }
+        let (path, kind) = found?;
+        let whole = matches!(kind, Kind::Integer);
+        let Some(dimension) = number_in(&kind).or(whole.then_some(Dimension::NONE)) else {
+            let message = format!("`free.{name}` is free between bounds, and `{path}` is no number");
+            self.checker.error(
+                SceneError::new("wrong-kind", record.place("path"), message)
+                    .label("no number")
+                    .help(format!("there it is {}; `glebe sweep` tries values one by one", kind.expected())),
+            );
+            return None;
+        };
+        let key = format!("free.{name}.bounds");
+        let node = record.node("bounds")?;
+        let ends = match &node.value {
+            Written::Array(items) if items.len() == 2 => [&items[0], &items[1]],
+            _ => {
+                self.checker.wrong_kind(node, &Kind::Window(dimension), &key);
+                return None;
+            }
+        };
+        let any = Field::new("", Kind::Number(dimension), "");
+        let ends = ends.map(|end| self.checker.number(end, dimension, &any, &key));
+        let [Some(low), Some(high)] = ends else { return None };
+        let logarithmic = record.text("scale") == "logarithmic";
+        let wrong = if low >= high {
+            let message = format!("`{key}` goes from {low} to {high}; the second must be larger");
+            Some(("order", message, "not ascending", "write [least, largest]"))
+        } else if logarithmic && low <= 0.0 {
+            let message = format!("`{key}` begins at {low}, and equal ratios need numbers above 0");
+            Some(("range", message, "not above 0", "or take scale = \"linear\""))
+        } else {
+            None
+        };
+        if let Some((code, message, label, help)) = wrong {
+            self.checker.error(SceneError::new(code, &node.place, message).label(label).help(help));
+            return None;
+        }
+        let unit = number_in(&kind).map_or("", |d| d.si);
+        Some(Free { name: name.to_owned(), path, unit, bounds: [low, high], logarithmic, whole })
+    }
+
+    fn target(&mut self, name: &str, record: &Record, experiments: &[Experiment]) -> Option<Target> {
+        let experiment = self.experiment(name, record, experiments)?;
+        let wanted = record.located_if("measure")?;
+        let scene = self.scenes.get(experiment)?.as_ref()?;
+        let Some((stage, measure, component)) = measure_in(scene, &wanted.value) else {
+            let all = measures_of(scene);
+            let all: Vec<&str> = all.iter().map(String::as_str).collect();
+            let message = format!("the scene measures no `{}`", wanted.value);
+            self.checker.error(
+                SceneError::new("undefined", &wanted.place, message).label("STAGE.MEASURE").help(advice(
+                    &wanted.value,
+                    &all,
+                    "no stage of it measures anything",
+                )),
+            );
+            return None;
+        };
+        let part = component.rsplit_once('.').map_or("", |(_, part)| part);
+        let turning = ["tx", "ty", "tz"].contains(&part);
+        let unit = if turning { "N m" } else { "N" };
+        let dimension = Dimension::of_si(unit);
+        let any = Field::new("", Kind::Number(dimension), "");
+        let above = any_above_zero(dimension);
+        let mut number = |key: &str, field: &Field| {
+            self.checker.number(record.node(key)?, dimension, field, &format!("target.{name}.{key}"))
+        };
+        let (value, scatter) = (number("value", &any), number("scatter", &above));
+        let statistic = if record.text("statistic") == "std" { Statistic::Std } else { Statistic::Mean };
+        Some(Target {
+            name: name.to_owned(),
+            experiment,
+            stage,
+            measure,
+            statistic,
+            value: value?,
+            scatter: scatter?,
+            weight: record.number("weight"),
+            unit,
+        })
+    }
+
+    fn experiment(&mut self, name: &str, record: &Record, experiments: &[Experiment]) -> Option<usize> {
+        let names: Vec<&str> = experiments.iter().map(|e| e.name.as_str()).collect();
+        match record.located_if("experiment") {
+            None if experiments.len() <= 1 => Some(0),
+            None => {
+                let message = format!("`target.{name}` needs `experiment`: there are {}", names.len());
+                self.checker.error(
+                    SceneError::new("missing", &record.place, message)
+                        .label("of which?")
+                        .help(format!("write experiment = …, one of {}", quoted(&names))),
+                );
+                None
+            }
+            Some(wanted) => {
+                let at = names.iter().position(|n| *n == wanted.value && !n.is_empty());
+                if at.is_none() {
+                    let known: Vec<&str> = names.into_iter().filter(|n| !n.is_empty()).collect();
+                    let message = format!("no experiment is called `{}`", wanted.value);
+                    self.checker.error(
+                        SceneError::new("undefined", &wanted.place, message).label("not there").help(advice(
+                            &wanted.value,
+                            &known,
+                            "there is only one, without a name",
+                        )),
+                    );
+                }
+                at
+            }
+        }
+    }
+
+    fn names_differ(&mut self, file: &Record) {
+        let mut taken: Vec<&str> = CALIBRATION_COLUMNS.to_vec();
+        let tables = ["free", "follow", "target"];
+        for (name, _) in tables.iter().flat_map(|table| file.named(table)) {
+            if taken.contains(&name.value.as_str()) || name.value.contains('.') {
+                let message = format!("`{}` cannot be the name of a parameter or target", name.value);
+                self.checker.error(SceneError::new("duplicate", &name.place, message).label("taken").help(
+                    format!(
+                        "names head columns of results: each once, without dots, and none of {}",
+                        quoted(&CALIBRATION_COLUMNS)
+                    ),
+                ));
+            }
+            taken.push(&name.value);
+        }
+        let mut paths: Vec<Located<String>> = Vec::new();
+        for (name, record) in file.named("free").iter().chain(file.named("follow")) {
+            let Some(path) = record.located_if("path") else { continue };
+            if paths.contains(&path) {
+                let message = format!("`{}` sets `{}`, which another sets already", name.value, path.value);
+                self.checker.error(SceneError::new("duplicate", &path.place, message).label("again"));
+            }
+            paths.push(path);
+        }
+    }
+
+    fn stop(&mut self, file: &Record, method: &Method) -> Stop {
+        let stop = file.table_or_empty("stop");
+        let count =
+            |key: &str| stop.has(key).then(|| usize::try_from(stop.integer(key)).unwrap_or(usize::MAX));
+        let filters = matches!(method, Method::BayesianFilter { .. });
+        for key in ["cost", "stagnation"] {
+            if filters && stop.has(key) {
+                let message = format!("`stop.{key}` means nothing together with `bayesian-filter`");
+                self.checker.error(
+                    SceneError::new("conflict", stop.place(key), message)
+                        .label("has no effect")
+                        .help("it looks for a distribution, not for the least cost: take `rounds`"),
+                );
+            }
+        }
+        let rounds = match method {
+            Method::DifferentialEvolution { .. } => 45,
+            Method::CmaEs { .. } => 100,
+            Method::BayesianFilter { .. } => 5,
+        };
+        Stop {
+            rounds: count("rounds").unwrap_or(rounds),
+            evaluations: count("evaluations"),
+            cost: stop.number_if("cost"),
+            stagnation: count("stagnation"),
+        }
+    }
+}
+
+fn any_above_zero(dimension: Dimension) -> Field {
+    Field::new("", Kind::Number(dimension), "").above(0.0)
+}
+
+fn method(file: &Record) -> Method {
+    let table = file.table_or_empty("method");
+    let whole = |record: &Record, key: &str| usize::try_from(record.integer(key)).unwrap_or(usize::MAX);
+    if let Some(cma) = table.table("cma-es") {
+        return Method::CmaEs { population: cma.has("population").then(|| whole(cma, "population")) };
+    }
+    if let Some(filter) = table.table("bayesian-filter") {
+        return Method::BayesianFilter {
+            samples: whole(filter, "samples"),
+            effective: filter.number("effective"),
+        };
+    }
+    let evolution = table.table_or_empty("differential-evolution");
+    Method::DifferentialEvolution {
+        population: whole(&evolution, "population"),
+        weight: evolution.number("weight"),
+        crossover: evolution.number("crossover"),
+        adaptive: evolution.flag("adaptive"),
+    }
+}
+
+/// The measures of a scene as stage, name and what they are of.
+fn written_measures(scene: &Node) -> Vec<(String, String, String)> {
+    let Some(Written::Array(stages)) = scene.get("stage").map(|n| &n.value) else { return Vec::new() };
+    let text = |node: Option<&Node>| match node.map(|n| &n.value) {
+        Some(Written::Text(text)) => text.clone(),
+        _ => String::new(),
+    };
+    let mut all = Vec::new();
+    for stage in stages {
+        for entry in stage.get("measure").map(Node::entries).unwrap_or_default() {
+            all.push((text(stage.get("name")), entry.key.value.clone(), text(entry.node.get("of"))));
+        }
+    }
+    all
+}
+
+fn measure_in(scene: &Node, full_name: &str) -> Option<(String, String, String)> {
+    written_measures(scene).into_iter().find(|(stage, name, _)| format!("{stage}.{name}") == full_name)
+}
+
+fn measures_of(scene: &Node) -> Vec<String> {
+    written_measures(scene).into_iter().map(|(stage, name, _)| format!("{stage}.{name}")).collect()
+}

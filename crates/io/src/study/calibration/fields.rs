@@ -1,0 +1,185 @@
+//! Every table and key of a calibration file, described as those of scenes are.
+
+use super::super::fields::FOLLOW;
+use crate::scene::table::{Field, Kind, Names, Rule, TableSpec};
+use crate::units::Dimension;
+
+const NUMBER: Kind = Kind::Number(Dimension::NONE);
+/// More than this is taken for a slip \[-\].
+const MOST: f64 = 1e6;
+
+/// The whole file.
+pub(super) static CALIBRATION: TableSpec = TableSpec {
+    doc: "A glebe calibration: which values of a scene are free, and what its measures should come to.",
+    fields: &[
+        Field::new("title", Kind::Text, "Name for output and messages.").or("\"\""),
+        Field::new("scene", Kind::Path, "The scene file, relative to the calibration.")
+            .optional("each experiment names its own"),
+        Field::new("seed", Kind::Integer, "Seed of the search.").or("1").at_least(0.0),
+        Field::new(
+            "experiment",
+            Kind::Named(Names::New, &EXPERIMENT),
+            "Several scenes, or the scene in several ways, that share the free parameters, by name.",
+        )
+        .optional("there is one, the scene as it is"),
+        Field::new("free", Kind::Named(Names::New, &FREE), "The free parameters, by name."),
+        Field::new("follow", Kind::Named(Names::New, &FOLLOW), "Values that follow a free one, by name.").or("{}"),
+        Field::new("target", Kind::Named(Names::New, &TARGET), "What is to be met, by name."),
+        Field::new("method", Kind::Table(&METHOD), "How it is searched.").or("{}"),
+        Field::new("stop", Kind::Table(&STOP), "When the search ends: as soon as one of these holds.").or("{}"),
+        Field::new(
+            "good",
+            NUMBER,
+            "Evaluations up to this cost count as good: at 1 they miss the targets by their scatters, on average.",
+        )
+        .or("1.0")
+        .above(0.0),
+        Field::new(
+            "probe",
+            NUMBER,
+            "The share of their ranges by which parameters are changed, one by one, after a search for the least cost, \
+             to find how the targets depend on them; 0 leaves that out.",
+        )
+        .or("0.05")
+        .at_least(0.0)
+        .at_most(0.5),
+    ],
+    rules: &[],
+};
+
+static EXPERIMENT: TableSpec = TableSpec {
+    doc: "A scene that is run for every set of parameters.",
+    fields: &[
+        Field::new("scene", Kind::Path, "The scene file, relative to the calibration.")
+            .optional("that of the calibration"),
+        Field::new(
+            "set",
+            Kind::Any,
+            "Values of the scene that are other here: a list of texts, each as for --set.",
+        )
+        .optional("none"),
+    ],
+    rules: &[],
+};
+
+static FREE: TableSpec = TableSpec {
+    doc: "A value of the scene that is free.",
+    fields: &[
+        Field::new("path", Kind::Text, "The value, as for --set, such as \"material.soil.density\"."),
+        Field::new("bounds", Kind::Any, "[least, largest], as the scene would have them."),
+        Field::new(
+            "scale",
+            Kind::Words(&["linear", "logarithmic"]),
+            "Whether equal steps between the bounds are equal differences or equal ratios.",
+        )
+        .or("\"linear\""),
+    ],
+    rules: &[],
+};
+
+static TARGET: TableSpec = TableSpec {
+    doc: "A number that a measure should come to.",
+    fields: &[
+        Field::new("experiment", Kind::Text, "The name of its experiment.").optional("there is only one"),
+        Field::new("measure", Kind::Text, "Stage and measure of the scene, such as \"till.draught_force\"."),
+        Field::new(
+            "statistic",
+            Kind::Words(&["mean", "std"]),
+            "The mean of the measure or its standard deviation.",
+        )
+        .or("\"mean\""),
+        Field::new("value", Kind::Any, "What it should be [N or N m]."),
+        Field::new(
+            "scatter",
+            Kind::Any,
+            "How far it may be off: the standard deviation of what was measured [N or N m]. Costs are in scatters.",
+        ),
+        Field::new("weight", NUMBER, "How much it counts beside the other targets.").or("1.0").above(0.0),
+    ],
+    rules: &[],
+};
+
+static METHOD: TableSpec = TableSpec {
+    doc: "How parameters are searched.",
+    fields: &[
+        Field::new(
+            "differential-evolution",
+            Kind::Table(&EVOLUTION),
+            "Differential evolution, rand/1/bin (Storn and Price 1997), which is taken unless another is named.",
+        )
+        .or("{}"),
+        Field::new(
+            "cma-es",
+            Kind::Table(&CMA_ES),
+            "Evolution strategy with covariance matrix adaptation (Hansen 2016).",
+        )
+        .optional("not taken"),
+        Field::new(
+            "bayesian-filter",
+            Kind::Table(&FILTER),
+            "Iterative Bayesian filter (Cheng et al. 2019): the distribution of the parameters.",
+        )
+        .optional("not taken"),
+    ],
+    rules: &[Rule::AtMostOne(&["differential-evolution", "cma-es", "bayesian-filter"])],
+};
+
+static EVOLUTION: TableSpec = TableSpec {
+    doc: "Differential evolution; the defaults are those of Nagy et al. 2024.",
+    fields: &[
+        Field::new("population", Kind::Integer, "Agents, NP.").or("60").at_least(4.0).at_most(MOST),
+        Field::new("weight", NUMBER, "Differential weight, F.").or("0.8").above(0.0).at_most(2.0),
+        Field::new("crossover", NUMBER, "Crossover ratio, CR.").or("0.5").at_least(0.0).at_most(1.0),
+        Field::new("adaptive", Kind::Bool, "Whether each agent adapts F and CR (jDE, Brest et al. 2006).")
+            .or("false"),
+    ],
+    rules: &[],
+};
+
+static CMA_ES: TableSpec = TableSpec {
+    doc: "CMA-ES.",
+    fields: &[Field::new("population", Kind::Integer, "Points of a round.")
+        .optional("4 + 3 ln of the number of free parameters")
+        .at_least(4.0)
+        .at_most(MOST)],
+    rules: &[],
+};
+
+static FILTER: TableSpec = TableSpec {
+    doc: "The iterative Bayesian filter.",
+    fields: &[
+        Field::new("samples", Kind::Integer, "Samples of a round; powers of 2 lie best.")
+            .or("128")
+            .at_least(8.0)
+            .at_most(MOST),
+        Field::new("effective", NUMBER, "The share of the samples that the effective sample size is to be.")
+            .or("0.3")
+            .above(0.0)
+            .at_most(0.9),
+    ],
+    rules: &[],
+};
+
+static STOP: TableSpec = TableSpec {
+    doc: "When a search ends.",
+    fields: &[
+        Field::new("rounds", Kind::Integer, "Rounds (generations), the first included.")
+            .optional("45 of differential evolution, 100 of CMA-ES, 5 of the filter")
+            .at_least(1.0)
+            .at_most(MOST),
+        Field::new(
+            "evaluations",
+            Kind::Integer,
+            "The most evaluations; the first round is run whatever it takes.",
+        )
+        .optional("as many as the rounds take")
+        .at_least(1.0),
+        Field::new("cost", NUMBER, "A cost that is low enough, in scatters of the targets.")
+            .optional("none is")
+            .at_least(0.0),
+        Field::new("stagnation", Kind::Integer, "Rounds without a lower cost.")
+            .optional("they do not matter")
+            .at_least(1.0),
+    ],
+    rules: &[],
+};
