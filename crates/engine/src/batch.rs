@@ -12,6 +12,7 @@ use crate::lattice::dot;
 use crate::measure::Interior;
 use crate::setup::{Constants, prepare};
 use crate::spec::{Action, Pose, Until, Vec3, WorldSpec};
+use crate::speed::too_fast;
 use crate::state::{Ledger, MeasureState, Progress, StageResult, State, draught};
 
 /// Steps after which a stage that waits for a low kinetic energy may end though it was never above it.
@@ -389,6 +390,8 @@ impl Batch {
         world.progress.stage_begun = true;
         if c.spec.stages[world.progress.stage].only_acts() {
             self.end_stage(w, "actions", observer)?;
+        } else if let Some(failure) = too_fast(&c, &world.progress) {
+            world.status = Status::Failed(failure);
         }
         Ok(())
     }

@@ -41,6 +41,21 @@ pub enum SetupError {
         /// What `auto` would take \[s\].
         advised: f64,
     },
+    /// A surface moves too far in a step.
+    #[error(
+        "{what}, in the stage `{stage}`; grains pass unseen through what moves more than {most:.0} % of their radius: \
+         choose at most time.step = {advised:.3e} s, or move it more slowly"
+    )]
+    SurfaceTooFast {
+        /// The surface, its speed and its way in a step.
+        what: String,
+        /// When it does.
+        stage: String,
+        /// Percentage of the smallest radius that is allowed.
+        most: f64,
+        /// A step with which it moves well \[s\].
+        advised: f64,
+    },
     /// A particle does not fit.
     #[error("particle {id} at ({:.6}, {:.6}, {:.6}) m {why}", at[0], at[1], at[2])]
     Particle {

@@ -17,6 +17,7 @@ pub mod surface;
 mod bytes;
 mod failure;
 mod setup;
+mod speed;
 
 pub use bytes::BytesError;
 pub use failure::{Failure, SetupError};

@@ -12,6 +12,7 @@ use crate::spec::{
     Action, Component, Frustum, Motion, ParticleSet, Pose, Shape, Side, Step, Surface, TriMesh, Vec3,
     WorldSpec,
 };
+use crate::speed;
 use crate::state::{MeasureState, Particles, Place, Progress, Spin, State, SurfaceState, Velocity};
 use crate::surface::{Bvh, Span, rotate, touch};
 
@@ -143,6 +144,12 @@ impl Constants {
         let moves = self.spec.stages.get(stage).map_or(&[][..], |st| &st.moves);
         moves.iter().find(|(k, _)| *k == s).map_or(&self.spec.surfaces[s].motion, |(_, m)| m)
     }
+    /// Whether any surface moves in any stage.
+    pub fn moves(&self) -> bool {
+        let own = self.spec.surfaces.iter().map(|s| &s.motion);
+        let of_stages = self.spec.stages.iter().flat_map(|stage| stage.moves.iter().map(|(_, m)| m));
+        own.chain(of_stages).any(|motion| !motion.is_fixed())
+    }
     /// A position moved by whole periods.
     #[inline]
     pub fn shifted(&self, x: Vec3, shift: [i32; 3]) -> Vec3 {
@@ -246,6 +253,8 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         warnings,
     };
     check_periodic(&constants)?;
+    let warnings = speed::check(&constants)?;
+    constants.warnings.extend(warnings);
     let warnings = cell::check(&constants)?;
     constants.warnings.extend(warnings);
     let warnings = check_start(&constants, &set)?;
@@ -695,28 +704,20 @@ fn speed_estimate(spec: &WorldSpec, set: &ParticleSet) -> f64 {
         .chain(spec.stages.iter().flat_map(|st| st.moves.iter().map(|(i, m)| (*i, m))));
     let mut tools = 0.0_f64;
     for (i, m) in motions {
-        let mut v = norm(m.velocity);
-        if let Some(o) = m.oscillation {
-            v += norm(o.amplitude) * std::f64::consts::TAU * o.frequency;
-        }
         // Points of the surface, and how far it reaches around them.
         let points: Vec<(Vec3, f64)> = match &spec.surfaces[i].shape {
             Shape::Plane { .. } => Vec::new(),
             Shape::Mesh(mesh) => mesh.vertices.iter().map(|x| (*x, 0.0)).collect(),
             Shape::Frustum(frustum) => frustum.rims().to_vec(),
         };
-        if let Some(r) = m.rotation {
-            let pose = &spec.surfaces[i].pose;
-            let reach = points.iter().map(|(x, around)| {
-                let arm = sub(pose.apply(*x), r.center);
-                norm(cross(r.axis, arm)) + around
-            });
-            v += r.rate.abs() * reach.fold(0.0, f64::max);
-        }
-        if let Some(poses) = &m.poses {
-            let reach = points.iter().map(|(x, around)| norm(*x) + around).fold(0.0, f64::max);
-            v += poses.speed() + reach * poses.turns().map(|(_, rate)| rate).fold(0.0, f64::max);
-        }
+        let pose = &spec.surfaces[i].pose;
+        let v = m.fastest(|about| {
+            let far = |x: Vec3| match about {
+                Some((axis, center)) => norm(cross(axis, sub(pose.apply(x), center))),
+                None => norm(x),
+            };
+            points.iter().map(|(x, around)| far(*x) + around).fold(0.0, f64::max)
+        });
         tools = tools.max(v);
     }
     let g = norm(spec.gravity);

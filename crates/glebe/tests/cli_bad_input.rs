@@ -45,10 +45,14 @@ impl Case {
         Self { files: vec![(file, content.into())], ..Self::text(name, scene) }
     }
 
+    /// With another shape of the block.
+    fn shape(name: &'static str, shape: &str) -> Self {
+        Self::edit(name, "box = { min = [-0.02, -0.02, 0.02], max = [0, 0.02, 0.2] }", shape)
+    }
+
     /// With the block from a mesh file.
     fn mesh(name: &'static str, file: &'static str, content: impl Into<Vec<u8>>) -> Self {
-        let shape = "box = { min = [-0.02, -0.02, 0.02], max = [0, 0.02, 0.2] }";
-        let case = Self::edit(name, shape, &format!("file = \"{file}\""));
+        let case = Self::shape(name, &format!("file = \"{file}\""));
         Self { files: vec![(file, content.into())], ..case }
     }
 }
@@ -143,6 +147,21 @@ fn cases() -> Vec<Case> {
         Case::mesh("an OBJ file with a word for a number", "tool.obj", "v 0 0 zero\nf 1 2 3\n"),
         Case::mesh("a PLY file that claims more than it has", "tool.ply", ply),
         Case::mesh("a mesh without an area", "tool.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"),
+        Case::shape("a blade that lies flat", "blade = { rake_angle = \"5 deg\" }"),
+        Case::shape(
+            "a plough that does not rise",
+            "plough = { lift_angle = \"30 deg\", curl_angle = \"30 deg\" }",
+        ),
+        Case::shape("a wheel of grousers alone", "wheel = { grousers = 60, grouser_thickness = \"2 cm\" }"),
+        Case::shape("half a grouser", "wheel = { grousers = 2.5 }"),
+        Case::shape("lifters without a size", "drum = { radius = 0.02, length = 0.04, lifters = 4 }"),
+        Case::shape(
+            "lifters that meet",
+            "drum = { radius = 0.02, length = 0.04, lifters = 4, lifter_height = 0.015, lifter_thickness = 0.01 }",
+        ),
+        Case::shape("a mixer with rows above its shaft", "mixer = { rows = 4, row_spacing = \"10 cm\" }"),
+        Case::shape("two shapes of one tool", "blade = {}\nwheel = {}"),
+        Case::set("a tool that moves too far in a step", "stage.push.move.block.velocity=[200,0,0]"),
         Case::moved("a motion whose times go back", "time,x,y,z\n0,0,0,0\n0.2,0.1,0,0\n0.1,0.2,0,0\n"),
         Case::moved("a motion of one row", "time,x,y,z\n0,0,0,0\n"),
         Case { files: Vec::new(), ..Case::moved("a motion that is not there", "") },
@@ -194,10 +213,51 @@ fn shown(stderr: &str, place: &Place) -> String {
     [&lines[..4], &[gap], &lines[lines.len() - 6..]].concat().join("\n")
 }
 
+/// A study over the working scene.
+fn study(name: &'static str, study: impl Into<Vec<u8>>) -> Case {
+    Case { files: vec![("study.toml", study.into())], ..Case::text(name, SCENE) }
+}
+
+fn studies() -> Vec<Case> {
+    let over = |path: &str, values: &str| {
+        format!("scene = \"scene.toml\"\n[vary.it]\npath = \"{path}\"\nvalues = {values}\n")
+    };
+    let density = "material.soil.density";
+    vec![
+        study("an empty study", ""),
+        study("a study that is no TOML", "scene = scene.toml"),
+        study("a study that is no text", [0xff, 0xfe, 0, 1]),
+        study("a study nested too deeply", format!("x = {}", "[".repeat(300))),
+        study(
+            "a study of a scene that is not there",
+            over(density, "[1]").replace("scene.toml", "nowhere.toml"),
+        ),
+        study("a study of another study", over(density, "[1]").replace("scene.toml", "study.toml")),
+        study("a path of a study that leads nowhere", over("material.soil.densty", "[2000]")),
+        study("a value in another unit", over(density, "[\"2 MPa\"]")),
+        study("a study of nothing", over(density, "[]")),
+        study("a study whose worlds are all wrong", over(density, "[-1, 0]")),
+        study(
+            "more worlds than a study has",
+            over(density, "1").replace("values = 1", "range = [1, 2]\ncount = 1000000000"),
+        ),
+    ]
+}
+
 #[test]
 fn every_mistake_is_told_before_anything_is_written() {
+    insta::assert_snapshot!(told(&["run", "scene.toml"], cases()));
+}
+
+#[test]
+fn every_mistake_of_a_study_is_told_before_anything_is_written() {
+    insta::assert_snapshot!(told(&["sweep", "study.toml"], studies()));
+}
+
+/// The messages of all cases, none of which leaves anything behind.
+fn told(verb: &[&str], cases: Vec<Case>) -> String {
     let mut table = String::new();
-    for case in cases() {
+    for case in cases {
         let place = Place::new();
         place.write("scene.toml", &case.scene);
         for (name, content) in &case.files {
@@ -206,14 +266,13 @@ fn every_mistake_is_told_before_anything_is_written() {
         }
         let before = place.listing();
         let begun = Instant::now();
-        let ended =
-            place.glebe(&[&["run", "scene.toml", "--no-cache", "--device", "cpu"], &case.args[..]].concat());
+        let ended = place.glebe(&[verb, &["--no-cache", "--device", "cpu"], &case.args[..]].concat());
         assert_eq!(ended.code, 2, "{}: {}", case.name, ended.stderr);
         assert!(begun.elapsed() < Duration::from_secs(20), "{} takes long to be refused", case.name);
         assert_eq!(place.listing(), before, "{} leaves something behind", case.name);
         writeln!(table, "## {}\n{}\n", case.name, shown(&ended.stderr, &place)).unwrap();
     }
-    insta::assert_snapshot!(table);
+    table
 }
 
 #[test]

@@ -83,6 +83,16 @@ fn a_run_that_is_killed_goes_on_from_its_last_checkpoint() {
 
     let child = place.command(&[&run("killed")[..], &["--checkpoint-every", "0"]].concat()).spawn().unwrap();
     wait_for_rows(&place, "killed", 60);
+    // Nobody else gets into its folder while it lives, and what is in it stays as it is.
+    signal(&child, "-STOP");
+    let before = place.listing();
+    for more in [&[][..], &["--force"], &["--resume"]] {
+        place
+            .glebe(&[&run("killed")[..], more].concat())
+            .expect(2)
+            .says(&["another run is writing", "--out"]);
+    }
+    assert_eq!(place.listing(), before);
     signal(&child, "-KILL");
     Ended::of(&child.wait_with_output().unwrap()).expect(-1);
     assert!(fs::read_dir(place.path("killed/checkpoint")).unwrap().count() <= 3, "old checkpoints pile up");

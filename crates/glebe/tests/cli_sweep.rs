@@ -159,6 +159,11 @@ fn a_sweep_that_is_interrupted_or_killed_ends_with_the_same_bytes() {
     // Killed after the first of two batches, with a line that was not finished.
     let child = place.command(&[&parts[..], &["--batches", "2"]].concat()).spawn().unwrap();
     wait_until(|| ended(&place, "parts") >= 2);
+    // Until then nobody else gets into its folder.
+    signal(&child, "-STOP");
+    for args in [&parts[..], &resume, &[&parts[..], &["--force"]].concat()] {
+        place.glebe(args).expect(2).says(&["another run is writing", "--out"]);
+    }
     signal(&child, "-KILL");
     Ended::of(&child.wait_with_output().unwrap()).expect(-1);
     let journal = place.path("parts/journal.jsonl");

@@ -144,6 +144,10 @@ fn particles_are_read(bytes: &[u8]) -> bool {
     particles::parse(Path::new("a"), bytes).is_ok()
 }
 
+fn poses_are_read(bytes: &[u8]) -> bool {
+    poses::parse(Path::new("a"), bytes).is_ok()
+}
+
 fn scene_is_read(bytes: &[u8]) -> bool {
     str::from_utf8(bytes).is_ok_and(|text| Scene::parse("scene.toml", text, &[]).is_ok())
 }
@@ -205,11 +209,12 @@ fn particle_files() {
 #[test]
 fn the_corpus_of_fuzzing_is_read_or_refused() {
     type Reader = fn(&[u8]) -> bool;
-    let readers: [(&str, Reader); 10] = [
+    let readers: [(&str, Reader); 11] = [
         ("checkpoint", checkpoint_is_read),
         ("csv", particles_are_read),
         ("obj", |bytes| mesh_is_read("a.obj", bytes)),
         ("ply", |bytes| mesh_is_read("a.ply", bytes)),
+        ("poses", poses_are_read),
         ("scene", scene_is_read),
         ("set", set_is_read),
         ("state", |bytes| State::from_bytes(bytes).is_ok()),
@@ -228,7 +233,7 @@ fn the_corpus_of_fuzzing_is_read_or_refused() {
 
 #[test]
 fn pose_tables() {
-    torment("poses", &seeds("poses"), |bytes| poses::parse(Path::new("a"), bytes).is_ok());
+    torment("poses", &seeds("poses"), poses_are_read);
 }
 
 /// The bytes of a small state, with contacts that remember something.

@@ -29,7 +29,7 @@ fn folder(name: &str) -> PathBuf {
     path
 }
 
-/// All files below a folder, with `/`.
+/// All files below a folder, with `/`, but for the one that is locked.
 fn files(dir: &Path) -> Vec<String> {
     let mut found = Vec::new();
     for entry in fs::read_dir(dir).unwrap() {
@@ -41,6 +41,7 @@ fn files(dir: &Path) -> Vec<String> {
             found.push(name);
         }
     }
+    found.retain(|name| name != ".glebe-lock");
     found.sort();
     found
 }
@@ -180,7 +181,7 @@ mod dir {
         touch(&path.join("frames/000000_particles.vtp"), "");
         touch(&path.join("checkpoint/000012.glebe"), "");
         OutputDir::create(&path, true).unwrap();
-        assert_eq!(fs::read_dir(&path).unwrap().count(), 0);
+        assert!(cfg!(not(unix)) || fs::read_dir(&path).unwrap().count() == 0);
     }
 
     /// A linked frames folder may hold somebody else's files.
@@ -235,6 +236,7 @@ mod dir {
         assert!(OutputDir::is_vacant(&path).unwrap(), "there is no journal yet");
         touch(&path.join("journal.jsonl"), "");
         assert!(!OutputDir::is_vacant(&path).unwrap());
+        drop(dir);
         assert_eq!(OutputDir::open_study(&path).unwrap().path(), path);
         OutputDir::create(&path, true).unwrap();
         assert_eq!(files(&path), [""; 0]);
@@ -242,7 +244,44 @@ mod dir {
         let dir = OutputDir::create(&path, true).unwrap();
         assert!(matches!(dir.write_study("", &[]), Err(OutputError::Foreign { .. })));
         assert_eq!(fs::read_to_string(&study).unwrap(), "scene = \"mine\"\n");
+        drop(dir);
         assert!(OutputDir::open_study(&path).unwrap_err().to_string().contains("holds no journal"));
+    }
+
+    #[test]
+    fn a_folder_in_use_is_refused_whatever_is_asked_for() {
+        let path = place("in-use");
+        let first = OutputDir::create(&path, false).unwrap();
+        touch(&path.join("checkpoint/000000.glebe"), "");
+        touch(&path.join("journal.jsonl"), "");
+        touch(&path.join("frames/.glebe-partial-7-2"), "being written");
+        let before = files(&path);
+        let tries = [
+            OutputDir::create(&path, false),
+            OutputDir::create(&path, true),
+            OutputDir::open_existing(&path),
+            OutputDir::open_study(&path),
+        ];
+        for tried in tries {
+            let error = tried.unwrap_err();
+            assert!(matches!(error, OutputError::InUse { .. }) && error.is_input(), "{error}");
+            let text = error.to_string();
+            for word in ["another run", "--out", path.to_str().unwrap()] {
+                assert!(text.contains(word), "{text}");
+            }
+        }
+        assert_eq!(files(&path), before, "the other run's files were touched");
+        // As long as a copy of it lives.
+        let copy = first.clone();
+        drop(first);
+        assert!(OutputDir::open_existing(&path).is_err());
+        drop(copy);
+        OutputDir::open_existing(&path).unwrap();
+        // What is refused for another reason is not locked, nor is a file left in it.
+        let other = folder("not-locked");
+        touch(&other.join("thesis.docx"), "");
+        assert!(OutputDir::create(&other, false).is_err() && OutputDir::open_existing(&other).is_err());
+        assert_eq!(fs::read_dir(&other).unwrap().count(), 1);
     }
 
     #[test]

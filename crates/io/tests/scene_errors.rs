@@ -226,8 +226,8 @@ const MISTAKES: &[(&str, &str, &str, &str, &str)] = &[
         "file = \"sweep.stl\"",
         "",
         "missing",
-        "`geometry.sweep` needs one of `file`, `box`, `plane`, `sweep`, `drum`, `cylinder`, `cone`, \
-         `hopper`",
+        "`geometry.sweep` needs one of `file`, `box`, `plane`, `sweep`, `blade`, `plough`, `wheel`, `drum`, `mixer`, \
+         `cylinder`, `cone`, `hopper`",
         "",
     ),
     (

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 use glebe_engine::generate::SizeDistribution;
 use glebe_engine::spec::{Component, Drive, Rotation, Side, Step, Window};
 use glebe_io::scene::{GeometryShape, Origin, Scene, SceneError, schema};
-use glebe_io::tool::Sweep;
+use glebe_io::tool::{Sweep, Tool};
 use glebe_physics::{ContactEnd, History, IntegratorKind, LawChoice, MixingRule, ShearModulusRule};
 use scene_common::{EXAMPLE, edited, good};
 use serde_json::Value as Json;
@@ -161,7 +161,7 @@ fn every_key_arrives() {
     let SizeDistribution::LogNormal { min, max, .. } = sizes(1) else { panic!("not log-normal") };
     assert_eq!((min, max), (0.003 * (-0.6_f64).exp(), 0.004));
     let tool = &scene.geometry[0];
-    let GeometryShape::Sweep(sweep) = tool.shape.value else { panic!("not a sweep") };
+    let GeometryShape::Tool(Tool::Sweep(sweep)) = tool.shape.value else { panic!("not a sweep") };
     assert!((sweep.lift_angle - 20.0).abs() < 1e-12 && sweep.width == 0.3, "{sweep:?}");
     assert_eq!((tool.scale, tool.translate), ([1.0, 2.0, 1.0], [0.5, 0.5, 0.3]));
     assert_eq!(tool.rotate, [([0.0, 0.0, 1.0], PI / 2.0), ([0.0, 0.6, 0.8], -0.1)]);
@@ -427,7 +427,9 @@ fn every_default_of_the_schema_is_the_one_that_is_used() {
 #[test]
 fn the_default_sweep_is_that_of_the_tool() {
     let scene = parse(LEAST);
-    let GeometryShape::Sweep(sweep) = scene.geometry[0].shape.value else { panic!("not a sweep") };
+    let GeometryShape::Tool(Tool::Sweep(sweep)) = scene.geometry[0].shape.value else {
+        panic!("not a sweep")
+    };
     let rounded =
         Sweep { sweep_angle: sweep.sweep_angle.round(), lift_angle: sweep.lift_angle.round(), ..sweep };
     assert_eq!(rounded, Sweep::default());

@@ -246,12 +246,14 @@ pub fn runaway_failure(c: &Constants, g: &Progress, body: &str, v: Vec3) -> Fail
     )
 }
 
-fn failure(c: &Constants, g: &Progress, what: String, cause: &str) -> Failure {
+/// The failure of a world now.
+pub fn failure(c: &Constants, g: &Progress, what: String, cause: &str) -> Failure {
     Failure { time: g.step as f64 * c.dt, step: g.step, what, cause: cause.to_owned() }
 }
 
 /// The displacement in one step that is too much \[m\]: with it the smallest sphere could pass through a thin surface,
-/// from touching on one side to an allowed overlap on the other.
+/// from touching on one side to an allowed overlap on the other, even if the surface comes towards it.
 pub fn runaway_distance(c: &Constants) -> f64 {
-    (2.0 - c.spec.guards.overlap_limit.min(1.0)) * c.radius_min
+    let surfaces = if c.moves() { crate::speed::MOST } else { 0.0 };
+    (2.0 - c.spec.guards.overlap_limit.min(1.0) - surfaces) * c.radius_min
 }

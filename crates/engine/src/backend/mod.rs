@@ -6,7 +6,7 @@ pub mod cpu;
 pub mod gpu;
 pub mod reference;
 
-mod common;
+pub(crate) mod common;
 mod worlds;
 
 use std::sync::Arc;

@@ -173,7 +173,7 @@ impl Bed {
             // The grains turn with the drum from the start.
             Mode::Flowing => (
                 drum.domain(),
-                vec![drum.surface()],
+                vec![drum.surface()?],
                 drum.spin(),
                 vec![stage("develop", None, drum.develop())],
             ),

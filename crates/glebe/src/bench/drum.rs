@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glebe_engine::generate::{FillRequest, Region, solid_volume};
 use glebe_engine::spec::{Domain, Motion, Pose, Rotation, Shape, Side, Surface, Vec3};
-use glebe_io::scene::drum_mesh;
+use glebe_io::tool::{self, ToolError};
 
 use super::bed::GRAVITY;
 
@@ -74,16 +74,18 @@ impl Drum {
     }
 
     /// The drum, turning.
-    pub fn surface(self) -> Surface {
-        let mesh = drum_mesh(self.radius, self.length(), AXIS, SEGMENTS);
+    pub fn surface(self) -> Result<Surface, ToolError> {
+        let drum =
+            tool::Drum { axis: AXIS, segments: SEGMENTS, ..tool::Drum::smooth(self.radius, self.length()) };
+        let mesh = drum.mesh()?;
         let rotation = Rotation { axis: AXIS, center: [0.0; 3], rate: self.rate() };
-        Surface {
+        Ok(Surface {
             name: "drum".to_owned(),
             material: 0,
             shape: Shape::Mesh(Arc::new(mesh)),
             pose: Pose::default(),
             motion: Motion { rotation: Some(rotation), ..Motion::default() },
             absent: false,
-        }
+        })
     }
 }

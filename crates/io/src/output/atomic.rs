@@ -35,6 +35,15 @@ pub enum OutputError {
         /// A file in it.
         example: String,
     },
+    /// Another run writes into the output folder.
+    #[error(
+        "{path}: another run is writing into this folder: wait until it has ended, or stop it, or give another \
+         folder with --out"
+    )]
+    InUse {
+        /// The folder.
+        path: PathBuf,
+    },
     /// A path that should be a folder is something else.
     #[error("{path}: is a file, but an output folder is needed there: give another name with --out")]
     NotAFolder {
@@ -79,6 +88,7 @@ impl OutputError {
         matches!(
             self,
             Self::NotEmpty { .. }
+                | Self::InUse { .. }
                 | Self::NotAFolder { .. }
                 | Self::Foreign { .. }
                 | Self::NothingToResume { .. }

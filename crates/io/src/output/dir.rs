@@ -5,6 +5,7 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use super::atomic::{OutputError, PARTIAL_PREFIX, write_atomic};
+use super::lock::{LOCK, Lock};
 
 /// The first line of every SVG file that glebe writes, by which it knows its own plots again.
 pub const SVG_MARK: &str = "<!-- plotted by glebe -->";
@@ -24,7 +25,7 @@ const OWN_FILES: [&str; 11] = [
     "report.html",
     "worlds.csv",
     "evaluations.csv",
-    "journal.jsonl",
+    JOURNAL,
     "curves.csv",
     "bands.csv",
     "homogenisation.csv",
@@ -42,14 +43,16 @@ pub enum Existing {
 }
 
 const STUDY: &str = "study.toml";
+const JOURNAL: &str = "journal.jsonl";
 const CHECKPOINTS: &str = "checkpoint";
 const FRAMES: &str = "frames";
 const SAMPLES: &str = "samples";
 
-/// The folder that a run writes its results into.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// The folder that a run writes its results into. While this lives no other run gets hold of it.
+#[derive(Clone, Debug)]
 pub struct OutputDir {
     path: PathBuf,
+    _lock: Lock,
 }
 
 impl OutputDir {
@@ -59,20 +62,26 @@ impl OutputDir {
     /// from it: only files that glebe itself writes, everything else stays untouched.
     ///
     /// # Errors
-    /// [`OutputError::NotEmpty`] without `force`; [`OutputError::NotAFolder`];
+    /// [`OutputError::InUse`]; [`OutputError::NotEmpty`] without `force`; [`OutputError::NotAFolder`];
     /// [`OutputError::Io`] for a place that cannot be written to.
     pub fn create(path: &Path, force: bool) -> Result<Self, OutputError> {
         if path.exists() && !path.is_dir() {
             return Err(OutputError::NotAFolder { path: path.to_owned() });
         }
         fs::create_dir_all(path).map_err(|e| OutputError::io(path, "make this folder", e))?;
+        let refuse_occupied = || match occupant(path)? {
+            Some(example) if !force => Err(OutputError::NotEmpty { path: path.to_owned(), example }),
+            _ => Ok(()),
+        };
+        Lock::refuse_used(path)?;
+        // Before anything is written; and once more when no other run can come between.
+        refuse_occupied()?;
+        let dir = Self { path: path.to_owned(), _lock: Lock::take(path)? };
+        refuse_occupied()?;
         remove_partial(path)?;
         if force {
             remove_own(path)?;
-        } else if let Some(example) = occupant(path)? {
-            return Err(OutputError::NotEmpty { path: path.to_owned(), example });
         }
-        let dir = Self { path: path.to_owned() };
         dir.probe()?;
         Ok(dir)
     }
@@ -89,11 +98,11 @@ impl OutputDir {
     /// Opens the folder of an earlier run, to continue it, and removes what a crash left unfinished in it.
     ///
     /// # Errors
-    /// [`OutputError::NothingToResume`] if there is no folder or no checkpoint in it;
+    /// [`OutputError::NothingToResume`] if there is no folder or no checkpoint in it; [`OutputError::InUse`];
     /// [`OutputError::Io`] for a place that cannot be written to.
     pub fn open_existing(path: &Path) -> Result<Self, OutputError> {
-        Self::open(path, "holds no checkpoint", |dir| {
-            let checkpoints = dir.checkpoints();
+        Self::open(path, "holds no checkpoint", |path| {
+            let checkpoints = path.join(CHECKPOINTS);
             Ok(checkpoints.is_dir() && names(&checkpoints)?.iter().any(|name| is_checkpoint(name)))
         })
     }
@@ -103,22 +112,22 @@ impl OutputDir {
     /// # Errors
     /// As [`open_existing`](Self::open_existing), with the journal in the place of checkpoints.
     pub fn open_study(path: &Path) -> Result<Self, OutputError> {
-        Self::open(path, "holds no journal of a study", |dir| Ok(is_file(&dir.journal())))
+        Self::open(path, "holds no journal of a study", |path| Ok(is_file(&path.join(JOURNAL))))
     }
 
     fn open(
         path: &Path,
         without: &'static str,
-        can: impl Fn(&Self) -> Result<bool, OutputError>,
+        can: impl Fn(&Path) -> Result<bool, OutputError>,
     ) -> Result<Self, OutputError> {
         let missing = |why| OutputError::NothingToResume { path: path.to_owned(), why };
         if !path.is_dir() {
             return Err(missing("does not exist"));
         }
-        let dir = Self { path: path.to_owned() };
-        if !can(&dir)? {
+        if !can(path)? {
             return Err(missing(without));
         }
+        let dir = Self { path: path.to_owned(), _lock: Lock::take(path)? };
         remove_partial(path)?;
         dir.probe()?;
         Ok(dir)
@@ -158,7 +167,7 @@ impl OutputDir {
     }
     /// Where the worlds of a study are noted that have ended.
     pub fn journal(&self) -> PathBuf {
-        self.path.join("journal.jsonl")
+        self.path.join(JOURNAL)
     }
     /// The folder of the curves of samples; it may not exist yet.
     pub fn samples(&self) -> PathBuf {
@@ -256,6 +265,7 @@ fn occupant(path: &Path) -> Result<Option<String>, OutputError> {
     for name in names(path)? {
         let inner = path.join(&name);
         let begun = name.starts_with(PARTIAL_PREFIX)
+            || name == LOCK
             || name == CHECKPOINTS
                 && is_folder(&inner)
                 && names(&inner)?.iter().all(|n| n.starts_with(PARTIAL_PREFIX))

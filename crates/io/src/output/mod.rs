@@ -6,6 +6,7 @@ mod atomic;
 mod dir;
 mod frames;
 mod journal;
+mod lock;
 pub mod pvd;
 pub mod series;
 pub mod summary;

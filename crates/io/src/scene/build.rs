@@ -70,7 +70,7 @@ impl BuiltScene {
         let group =
             |id: &usize| blame.groups.iter().find(|(range, _)| range.contains(id)).map(|(_, place)| place);
         let (place, label) = match error {
-            SetupError::StepTooLarge { .. } => (&blame.step, "too large"),
+            SetupError::StepTooLarge { .. } | SetupError::SurfaceTooFast { .. } => (&blame.step, "too large"),
             SetupError::Law(_) => (&blame.contact, "these laws"),
             SetupError::Particle { id, .. } => (group(id).unwrap_or(&blame.domain), "one of these"),
             _ => (&blame.domain, "this world"),
@@ -199,7 +199,7 @@ impl Build<'_> {
                     .map_err(|error| self.bad_file(place, error.to_string()))
                     .ok()
             }
-            GeometryShape::Sweep(sweep) => match sweep.mesh() {
+            GeometryShape::Tool(tool) => match tool.mesh() {
                 Ok(mesh) => {
                     let corner = |i: u32| mesh.vertices[i as usize];
                     soup.extend(mesh.triangles.iter().map(|t| t.map(corner)));
@@ -212,10 +212,6 @@ impl Build<'_> {
             },
             GeometryShape::Box { min, max } => {
                 soup = shapes::cuboid(*min, *max);
-                None
-            }
-            GeometryShape::Drum { radius, length, axis, segments, ends } => {
-                soup = shapes::drum(*radius, *length, *axis, *segments, *ends);
                 None
             }
             GeometryShape::Hopper { outlet_radius, top_radius, height, segments } => {

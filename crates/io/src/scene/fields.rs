@@ -5,6 +5,7 @@ use glebe_engine::spec::Side;
 use glebe_physics::{ContactEnd, History, IntegratorKind, MixingRule, ShearModulusRule, Slot};
 
 use super::table::{Field, Kind, Names, Rule, TableSpec, Words, words};
+use super::tools::{BLADE, DRUM, MIXER, PLOUGH, SWEEP, WHEEL};
 use crate::units::Dimension;
 
 pub(crate) const SIDES: Words<SideWord> = words! {
@@ -47,10 +48,10 @@ const SIDE: Kind = Kind::Words(SIDES.words);
 static SIDE_PAIR: Kind = Kind::Words(SIDES.words);
 const SIDE_OR_PAIR: Kind = Kind::Either(&[SIDE, Kind::LowHigh(&SIDE_PAIR)]);
 const MIXED: Kind = Kind::Words(MIXING_RULES.words);
-const LENGTH: Kind = Kind::Number(Dimension::LENGTH);
+pub(super) const LENGTH: Kind = Kind::Number(Dimension::LENGTH);
 const TIME: Kind = Kind::Number(Dimension::TIME);
-const NUMBER: Kind = Kind::Number(Dimension::NONE);
-const ANGLE: Kind = Kind::Number(Dimension::ANGLE);
+pub(super) const NUMBER: Kind = Kind::Number(Dimension::NONE);
+pub(super) const ANGLE: Kind = Kind::Number(Dimension::ANGLE);
 const POINT: Kind = Kind::Vector(Dimension::LENGTH);
 
 /// The whole file.
@@ -298,7 +299,14 @@ static GEOMETRY: TableSpec = TableSpec {
             .optional("another shape"),
         Field::new("plane", Kind::Table(&PLANE), "An unbounded plane.").optional("another shape"),
         Field::new("sweep", Kind::Table(&SWEEP), "A cultivator sweep.").optional("another shape"),
-        Field::new("drum", Kind::Table(&DRUM), "A cylinder of flat pieces centred at the origin.")
+        Field::new("blade", Kind::Table(&BLADE), "A flat plate across the travel.").optional("another shape"),
+        Field::new("plough", Kind::Table(&PLOUGH), "Share and mouldboard of a plough.")
+            .optional("another shape"),
+        Field::new("wheel", Kind::Table(&WHEEL), "A rigid wheel about y, with or without grousers.")
+            .optional("another shape"),
+        Field::new("drum", Kind::Table(&DRUM), "A cylinder of flat pieces, with or without lifters.")
+            .optional("another shape"),
+        Field::new("mixer", Kind::Table(&MIXER), "Rows of blades on a shaft about z.")
             .optional("another shape"),
         Field::new("cylinder", Kind::Table(&CYLINDER), "An exactly round cylinder centred at the origin.")
             .optional("another shape"),
@@ -331,72 +339,16 @@ static GEOMETRY: TableSpec = TableSpec {
 const FILE_UNITS: &[&str] = &["m", "cm", "mm", "um", "km", "in", "ft"];
 
 /// The keys of a geometry that give its shape.
-pub(crate) const SHAPES: &[&str] = &["file", "box", "plane", "sweep", "drum", "cylinder", "cone", "hopper"];
+pub(crate) const SHAPES: &[&str] = &[
+    "file", "box", "plane", "sweep", "blade", "plough", "wheel", "drum", "mixer", "cylinder", "cone",
+    "hopper",
+];
 
 static PLANE: TableSpec = TableSpec {
     doc: "An unbounded plane.",
     fields: &[
         Field::new("point", POINT, "A point of it [m]."),
         Field::new("normal", Kind::Direction, "Towards the particles."),
-    ],
-    rules: &[],
-};
-
-static SWEEP: TableSpec = TableSpec {
-    doc: "A cultivator sweep. Its nose is the origin, x the direction of travel, z up. Defaults are those of `tool::Sweep`.",
-    fields: &[
-        Field::new("width", LENGTH, "Between the ends of the wings, along y [m].").or("0.313").above(0.0),
-        Field::new("length", LENGTH, "From the nose to the rear of the wings, along x [m].")
-            .or("0.289")
-            .above(0.0),
-        Field::new("sweep_angle", ANGLE, "Full angle between the leading edges, seen from above [rad].")
-            .or("\"66 deg\"")
-            .above(0.0)
-            .usual(0.0, 3.2),
-        Field::new("lift_angle", ANGLE, "Rise of the plate from its leading edges [rad].")
-            .or("\"25 deg\"")
-            .at_least(0.0)
-            .usual(0.0, 1.6),
-        Field::new("body_length", LENGTH, "Length of the plate on its middle line, along x [m].")
-            .or("0.150")
-            .above(0.0),
-        Field::new("thickness", LENGTH, "Thickness of the plate [m].").or("0.006").above(0.0),
-        Field::new("edge_thickness", LENGTH, "Thickness at the leading edges [m].").or("0.0008").above(0.0),
-        Field::new("bevel", LENGTH, "Width of the ground strip along the leading edges [m].")
-            .or("0.010")
-            .above(0.0),
-        Field::new("shank_width", LENGTH, "Size of the shank along the travel [m].").or("0.050").above(0.0),
-        Field::new("shank_thickness", LENGTH, "Size of the shank across the travel [m].")
-            .or("0.020")
-            .above(0.0),
-        Field::new("shank_height", LENGTH, "Height of the shank's upper end above the leading edges [m].")
-            .or("0.400")
-            .above(0.0),
-        Field::new("shank_setback", LENGTH, "From the nose back to the front of the shank's foot [m].")
-            .or("0.075")
-            .above(0.0),
-        Field::new(
-            "shank_lean",
-            ANGLE,
-            "Inclination of the shank [rad], positive with its upper end forward.",
-        )
-        .or("0.0")
-        .usual(-1.6, 1.6),
-        Field::new("resolution", LENGTH, "Length aimed at for the lines of the mesh [m].")
-            .or("0.012")
-            .above(0.0),
-    ],
-    rules: &[],
-};
-
-static DRUM: TableSpec = TableSpec {
-    doc: "A cylinder shell centred at the origin.",
-    fields: &[
-        Field::new("radius", LENGTH, "Inner radius [m].").above(0.0),
-        Field::new("length", LENGTH, "Length along the axis [m].").above(0.0),
-        Field::new("axis", Kind::Direction, "Its axis.").or("\"y\""),
-        Field::new("segments", Kind::Integer, "Flat pieces around.").or("72").at_least(3.0).at_most(1e5),
-        Field::new("ends", Kind::Bool, "Whether its ends are closed.").or("true"),
     ],
     rules: &[],
 };

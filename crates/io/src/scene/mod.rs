@@ -2,7 +2,7 @@
 //!
 //! `fields.rs` lists every key once, with its kind, range, default and a line of documentation.
 //! `check.rs` walks a file along that list, `schema.rs` prints it as a JSON Schema, `set.rs` follows it
-//! for `--set`. `model.rs` makes the typed scene, `build.rs` reads the files that it names.
+//! for `--set`. `tools.rs` has the keys of tools with what they mean. `model.rs` makes the typed scene, `build.rs` reads the files that it names.
 //!
 //! ```
 //! use glebe_io::scene::Scene;
@@ -32,6 +32,7 @@ pub(crate) mod set;
 mod shapes;
 pub(crate) mod spelling;
 pub(crate) mod table;
+mod tools;
 
 use std::path::Path;
 
@@ -43,7 +44,6 @@ pub use model::{
 };
 pub use rewrite::rewritten;
 pub use schema::schema;
-pub use shapes::drum_mesh;
 
 use check::{Checker, Known};
 use document::Node;

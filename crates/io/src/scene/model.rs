@@ -12,7 +12,8 @@ use glebe_physics::{ContactModel, Material, Mixing, PairOverride, ShearModulusRu
 use super::check::{Checked, Checker, Record};
 use super::error::{Located, Place, SceneError};
 use super::fields::{COMPONENTS, ENDS, HISTORIES, INTEGRATORS, MIXING_RULES, SHAPES, SHEAR_MODULI, SIDES};
-use crate::tool::Sweep;
+use super::tools;
+use crate::tool::Tool;
 use crate::units::{self, Dimension};
 
 /// A scene file that passed every check that needs no other file. Numbers are in SI units.
@@ -175,21 +176,8 @@ pub enum GeometryShape {
         /// Unit normal towards the particles.
         normal: Vec3,
     },
-    /// A cultivator sweep.
-    Sweep(Sweep),
-    /// A cylinder shell centred at the origin.
-    Drum {
-        /// Inner radius \[m\].
-        radius: f64,
-        /// Length \[m\].
-        length: f64,
-        /// Unit vector of its axis.
-        axis: Vec3,
-        /// Flat pieces around.
-        segments: u32,
-        /// Whether its ends are closed.
-        ends: bool,
-    },
+    /// A tool by its parameters.
+    Tool(Tool),
     /// An exactly round cylinder or cone.
     Round(Frustum),
     /// A funnel about z with its outlet at z = 0.
@@ -557,21 +545,12 @@ fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> G
         .and_then(|unit| units::parse(&format!("1 {}", unit.value), Dimension::LENGTH).ok());
     let unit = unit.unwrap_or(1.0);
     let key = SHAPES.iter().copied().find(|key| record.has(key)).unwrap_or("file");
-    let count = |t: &Record| u32::try_from(t.integer("segments")).unwrap_or(u32::MAX);
     let shape = match (key, record.table(key)) {
         ("box", Some(t)) => {
             let (min, max) = corners(t, &format!("geometry.{}.box", name.value), checker);
             GeometryShape::Box { min, max }
         }
         ("plane", Some(t)) => GeometryShape::Plane { point: t.vector("point"), normal: t.vector("normal") },
-        ("sweep", Some(t)) => GeometryShape::Sweep(sweep(t)),
-        ("drum", Some(t)) => GeometryShape::Drum {
-            radius: t.number("radius"),
-            length: t.number("length"),
-            axis: t.vector("axis"),
-            segments: count(t),
-            ends: t.flag("ends"),
-        },
         ("cylinder", Some(t)) => GeometryShape::Round(Frustum {
             axis: t.vector("axis"),
             ends: [-0.5 * t.number("length"), 0.5 * t.number("length")],
@@ -588,9 +567,12 @@ fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> G
             outlet_radius: t.number("outlet_radius"),
             top_radius: t.number("top_radius"),
             height: t.number("height"),
-            segments: count(t),
+            segments: tools::count(t, "segments"),
         },
-        _ => GeometryShape::File(PathBuf::from(record.text("file"))),
+        (key, table) => match table.and_then(|t| tools::read(key, t)) {
+            Some(tool) => GeometryShape::Tool(tool),
+            None => GeometryShape::File(PathBuf::from(record.text("file"))),
+        },
     };
     let translate = record.vector("translate");
     GeometryPart {
@@ -601,26 +583,6 @@ fn geometry(name: &Located<String>, record: &Record, checker: &mut Checker) -> G
         rotate: record.list("rotate").iter().map(|t| (t.vector("axis"), t.number("angle"))).collect(),
         translate,
         motion: record.table("motion").map(motion).unwrap_or_default(),
-    }
-}
-
-fn sweep(t: &Record) -> Sweep {
-    let angle = |key| t.number(key).to_degrees();
-    Sweep {
-        width: t.number("width"),
-        length: t.number("length"),
-        sweep_angle: angle("sweep_angle"),
-        lift_angle: angle("lift_angle"),
-        body_length: t.number("body_length"),
-        thickness: t.number("thickness"),
-        edge_thickness: t.number("edge_thickness"),
-        bevel: t.number("bevel"),
-        shank_width: t.number("shank_width"),
-        shank_thickness: t.number("shank_thickness"),
-        shank_height: t.number("shank_height"),
-        shank_setback: t.number("shank_setback"),
-        shank_lean: angle("shank_lean"),
-        resolution: t.number("resolution"),
     }
 }
 

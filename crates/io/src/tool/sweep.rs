@@ -1,38 +1,9 @@
-//! Tools by parameters: closed meshes with normals pointing outwards.
-//!
-//! A tool stands in its own frame: x is the direction of travel, z is up, and y = 0 is its plane of
-//! symmetry. Meshes are mirror images of themselves about that plane, triangle by triangle, so that a
-//! side force never comes from the mesh.
-
-use std::ops::Range;
+//! A cultivator sweep.
 
 use glebe_engine::spec::{TriMesh, Vec3};
-use thiserror::Error;
 
+use super::{ToolError, check_range, divisions, sheet, with_mirror_image};
 use crate::mesh::{Corners, assemble};
-
-/// A parameter outside of its range.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
-#[error(
-    "{tool}: {name} = {value} {unit} is not allowed; it must lie between {min:.4} and {max:.4} {unit} ({reason})"
-)]
-#[non_exhaustive]
-pub struct ToolError {
-    /// Kind of the tool.
-    pub tool: &'static str,
-    /// Name of the parameter.
-    pub name: &'static str,
-    /// What was given.
-    pub value: f64,
-    /// Unit of the three numbers.
-    pub unit: &'static str,
-    /// Least allowed value, with the other parameters as they are.
-    pub min: f64,
-    /// Greatest allowed value, with the other parameters as they are.
-    pub max: f64,
-    /// What the range comes from.
-    pub reason: &'static str,
-}
 
 /// A cultivator sweep (goosefoot share): a V-shaped plate with sharpened leading edges, rising from
 /// them to the rear, on an upright shank.
@@ -276,102 +247,4 @@ impl<'a> Plan<'a> {
         sheet(&mut half, 0..outside, foot_front..foot_rear, |c, r| self.shank(c, r, head));
         with_mirror_image(half)
     }
-}
-
-/// A rectangular plate across the travel, such as a bulldozer's blade or a test wall. Its front is
-/// x = 0, its lower edge z = 0, its middle y = 0.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Blade {
-    /// Along y \[m\], 0.001 to 100.
-    pub width: f64,
-    /// Along z \[m\], 0.001 to 100.
-    pub height: f64,
-    /// Along x \[m\], 0.0001 to 100.
-    pub thickness: f64,
-    /// Length that no line of the mesh's grid exceeds (diagonals are longer) \[m\]: 1/500 to 1 times the
-    /// longest side.
-    pub resolution: f64,
-}
-
-impl Default for Blade {
-    fn default() -> Self {
-        Self { width: 0.3, height: 0.3, thickness: 0.01, resolution: 0.05 }
-    }
-}
-
-impl Blade {
-    /// The blade as a closed mesh \[m\].
-    ///
-    /// # Errors
-    /// The first parameter outside of its range, and that range.
-    pub fn mesh(&self) -> Result<TriMesh, ToolError> {
-        let range = |name, value, limits, reason| check_range("blade", name, value, "m", limits, reason);
-        range("width", self.width, [1e-3, 100.0], "size of a tool")?;
-        range("height", self.height, [1e-3, 100.0], "size of a tool")?;
-        range("thickness", self.thickness, [1e-4, 100.0], "size of a tool")?;
-        let longest = self.width.max(self.height).max(self.thickness);
-        let reason = "the longest side divided by 1 to 500";
-        range("resolution", self.resolution, [longest / 500.0, longest], reason)?;
-
-        let grid = |length| divisions(length, length, self.resolution);
-        let (x, y, z) = (grid(self.thickness), grid(0.5 * self.width), grid(self.height));
-        let (rear, side, top) = (x.len() - 1, y.len() - 1, z.len() - 1);
-        let at = |i: usize, j: usize, k: usize| [-x[i], y[j], z[k]];
-        let mut half = Vec::new();
-        sheet(&mut half, 0..side, 0..top, |j, k| at(0, j, k));
-        sheet(&mut half, 0..top, 0..side, |k, j| at(rear, j, k));
-        sheet(&mut half, 0..rear, 0..top, |i, k| at(i, side, k));
-        sheet(&mut half, 0..rear, 0..side, |i, j| at(i, j, 0));
-        sheet(&mut half, 0..side, 0..rear, |j, i| at(i, j, top));
-        Ok(assemble(&with_mirror_image(half)).0)
-    }
-}
-
-fn check_range(
-    tool: &'static str,
-    name: &'static str,
-    value: f64,
-    unit: &'static str,
-    [min, max]: [f64; 2],
-    reason: &'static str,
-) -> Result<(), ToolError> {
-    if min <= value && value <= max {
-        return Ok(());
-    }
-    Err(ToolError { tool, name, value, unit, min, max, reason })
-}
-
-/// `0 ..= end` in equal parts, so many that `length` divided by them is at most `h`.
-fn divisions(end: f64, length: f64, h: f64) -> Vec<f64> {
-    // A part in 10⁹ more is rounding, not a reason for another cell.
-    let n = (length / h * (1.0 - 1e-9)).ceil().max(1.0) as usize;
-    (0..=n).map(|i| end * (i as f64 / n as f64)).collect()
-}
-
-/// Adds the cells of a grid of points, each as two triangles cut along the shorter diagonal. Their
-/// normals point along (direction of the first index) × (direction of the second).
-fn sheet(
-    soup: &mut Vec<Corners>,
-    first: Range<usize>,
-    second: Range<usize>,
-    at: impl Fn(usize, usize) -> Vec3,
-) {
-    for u in first {
-        for v in second.clone() {
-            let [a, b, c, d] = [at(u, v), at(u + 1, v), at(u + 1, v + 1), at(u, v + 1)];
-            let distance = |p: Vec3, q: Vec3| (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>();
-            if distance(a, c) <= distance(b, d) {
-                soup.extend([[a, b, c], [a, c, d]]);
-            } else {
-                soup.extend([[a, b, d], [b, c, d]]);
-            }
-        }
-    }
-}
-
-/// The half at y ≥ 0 together with its image at y ≤ 0, wound the other way round.
-fn with_mirror_image(mut half: Vec<Corners>) -> Vec<Corners> {
-    let image = half.iter().map(|&[a, b, c]| [a, c, b].map(|[x, y, z]| [x, -y, z])).collect::<Vec<_>>();
-    half.extend(image);
-    half
 }
