@@ -88,6 +88,7 @@ const EVERYTHING: &str = r#"
     hard-steel = { youngs_modulus = "200 GPa", poissons_ratio = 0.3, restitution = 0.5, friction = 0.3 }
     [pair."hard-steel-sand"]
     rolling_friction = 0.1
+    cohesion = 0.5
     [contact]
     end = "no-tension"
     history = "unbounded"
@@ -148,6 +149,10 @@ fn every_key_arrives() {
     assert_eq!((sand.restitution, sand.static_friction, sand.rolling_friction), (0.3, 0.4, 0.0));
     assert_eq!((steel.name.as_str(), steel.density), ("hard-steel", 0.0));
     assert_eq!(scene.pairs[0].materials, ["hard-steel", "sand"]);
+    assert_eq!(
+        (scene.pairs[0].values.rolling_friction, scene.pairs[0].values.cohesion),
+        (Some(0.1), Some(0.5))
+    );
     assert_eq!(scene.contact.normal, LawChoice::named("linear").with("stiffness", 1e5));
     assert_eq!((scene.contact.end, scene.contact.history), (ContactEnd::NoTension, History::Unbounded));
     assert_eq!(scene.local_damping, 0.2);
