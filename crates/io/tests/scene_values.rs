@@ -216,6 +216,15 @@ fn a_servo_goes_for_stresses() {
 }
 
 #[test]
+fn laws_take_units_of_adhesion() {
+    let choice = |sets: &[&str]| with(EXAMPLE, sets).contact.cohesion;
+    let jkr = choice(&["contact.cohesion.jkr.work_of_adhesion='50 mJ/m^2'"]);
+    assert_eq!(jkr, LawChoice::named("jkr").with("work_of_adhesion", 0.05));
+    let sjkr = choice(&["contact.cohesion.sjkr.energy_density='20 kJ/m^3'"]);
+    assert_eq!(sjkr, LawChoice::named("sjkr").with("energy_density", 2e4));
+}
+
+#[test]
 fn pairs_of_names_with_dashes_are_told_apart() {
     let text = edited(
         "[pair.soil-steel]",

@@ -19,7 +19,7 @@ impl Law for Dmt {
         source: "Derjaguin, Muller and Toporov 1975",
         parameters: &[ParameterInfo {
             name: "work_of_adhesion",
-            unit: "J/m²",
+            unit: "J/m^2",
             required: true,
             default: None,
             min: 0.0,

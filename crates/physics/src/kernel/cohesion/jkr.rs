@@ -23,7 +23,7 @@ impl Law for Jkr {
         source: "Johnson, Kendall and Roberts 1971; explicit in the overlap as in Parteli et al. 2014",
         parameters: &[ParameterInfo {
             name: "work_of_adhesion",
-            unit: "J/m²",
+            unit: "J/m^2",
             required: true,
             default: None,
             min: 0.0,

@@ -19,7 +19,7 @@ impl Law for Sjkr {
         source: "Kloss et al. 2012 (LIGGGHTS), models sjkr and sjkr2",
         parameters: &[ParameterInfo {
             name: "energy_density",
-            unit: "J/m³",
+            unit: "J/m^3",
             required: true,
             default: None,
             min: 0.0,
