@@ -592,13 +592,17 @@ impl Group {
             let width = members.clone().map(|i| lists[i].len()).max().unwrap_or(0);
             let begin = entries.len();
             entries.resize(begin + width * SLICE as usize, 0);
-            history.iter_mut().for_each(|plane| plane.resize(begin + width * SLICE as usize, [0.0_f32; 4]));
+            for plane in &mut history {
+                plane.resize(begin + width * SLICE as usize, [0.0_f32; 4]);
+            }
             for i in members {
                 counts[i] = lists[i].len() as u32;
                 for (k, (entry, h)) in lists[i].iter().enumerate() {
                     let to = begin + k * SLICE as usize + i % SLICE as usize;
                     entries[to] = *entry;
-                    history.iter_mut().enumerate().for_each(|(q, plane)| plane[to] = quad_of(h, q));
+                    for (q, plane) in history.iter_mut().enumerate() {
+                        plane[to] = quad_of(h, q);
+                    }
                 }
             }
         }
