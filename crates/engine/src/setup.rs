@@ -19,7 +19,7 @@ use crate::surface::{Bvh, Span, rotate, touch};
 /// Largest skin as a share of the mean radius; lists widen their reach up to it when particles move fast.
 pub const SKIN_MAX: f64 = 1.0;
 /// Most floats that laws may remember per contact.
-pub const MEMORY: usize = 8;
+pub const MEMORY: usize = 12;
 /// Smallest skin as a share of the mean radius: below it rebuilds cost more than candidates.
 pub const SKIN_MIN: f64 = 0.04;
 /// A rebuild fewer steps than this after the last one widens the skin by [`SKIN_WIDER`].
@@ -207,13 +207,6 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
             laws.history().len()
         )));
     }
-    let materials = spec.materials.len();
-    let mut pairs = Vec::with_capacity(materials * materials);
-    for a in 0..materials {
-        for b in 0..materials {
-            pairs.push(laws.prepare(&spec.contact, &properties(&spec, a, b))?);
-        }
-    }
     let set = std::mem::take(&mut spec.particles);
     let count = set.len();
     let (mut radius_min, mut radius_max, mut radius_sum) = (f64::INFINITY, 0.0_f64, 0.0);
@@ -226,6 +219,13 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
     let density_mean = cubes().map(|(v, d)| v * d).sum::<f64>() / cubes().map(|(v, _)| v).sum::<f64>();
     let radius_mean = if count > 0 { radius_sum / count as f64 } else { 1e-3 };
     let [radius_min, radius_max] = if count > 0 { [radius_min, radius_max] } else { [1e-3; 2] };
+    let materials = spec.materials.len();
+    let mut pairs = Vec::with_capacity(materials * materials);
+    for a in 0..materials {
+        for b in 0..materials {
+            pairs.push(laws.prepare(&spec.contact, &properties(&spec, a, b), radius_max)?);
+        }
+    }
     let range = pairs.iter().map(|p| p.range).fold(0.0, f64::max);
     let cutoff = 2.0 * radius_max + range + SKIN_MAX * radius_mean;
     let window = if spec.stages.iter().any(|s| s.deformation.is_some()) { cell::WINDOW } else { 2.5 };
@@ -386,6 +386,12 @@ fn check_references(spec: &WorldSpec) -> Result<(), SetupError> {
     }
     if spec.pairs.iter().any(|(a, b, _)| *a >= materials || *b >= materials) {
         return bad("a pair names a material that does not exist".to_owned());
+    }
+    for (a, b, over) in &spec.pairs {
+        if let Some(x) = over.cohesion.filter(|x| !x.is_finite() || *x < 0.0) {
+            let [a, b] = [a, b].map(|m| &spec.materials[*m].name);
+            return bad(format!("the cohesion of the pair `{a}-{b}` is {x}; allowed is 0 or more"));
+        }
     }
     for s in &spec.surfaces {
         let pose = s.pose.translation.iter().chain(&s.pose.rotation);

@@ -178,9 +178,9 @@ pub struct Ledger {
     pub potential: f64,
     /// Energy of normal springs and cohesion.
     pub elastic_normal: f64,
-    /// Energy of tangential springs.
+    /// Energy of tangential and rolling springs.
     pub elastic_tangential: f64,
-    /// Lost to sliding friction.
+    /// Lost to sliding friction, and where contacts yield and what held them parts.
     pub friction: f64,
     /// Lost in dashpots.
     pub dashpots: f64,

@@ -88,6 +88,7 @@ const EVERYTHING: &str = r#"
     hard-steel = { youngs_modulus = "200 GPa", poissons_ratio = 0.3, restitution = 0.5, friction = 0.3 }
     [pair."hard-steel-sand"]
     rolling_friction = 0.1
+    cohesion = 0.5
     [contact]
     end = "no-tension"
     history = "unbounded"
@@ -148,6 +149,10 @@ fn every_key_arrives() {
     assert_eq!((sand.restitution, sand.static_friction, sand.rolling_friction), (0.3, 0.4, 0.0));
     assert_eq!((steel.name.as_str(), steel.density), ("hard-steel", 0.0));
     assert_eq!(scene.pairs[0].materials, ["hard-steel", "sand"]);
+    assert_eq!(
+        (scene.pairs[0].values.rolling_friction, scene.pairs[0].values.cohesion),
+        (Some(0.1), Some(0.5))
+    );
     assert_eq!(scene.contact.normal, LawChoice::named("linear").with("stiffness", 1e5));
     assert_eq!((scene.contact.end, scene.contact.history), (ContactEnd::NoTension, History::Unbounded));
     assert_eq!(scene.local_damping, 0.2);
@@ -208,6 +213,15 @@ fn a_servo_goes_for_stresses() {
     assert_eq!(d.drive, [held, held, moved, free, free, free]);
     assert_eq!((d.inertial_number, d.control_steps), (1e-3, 7));
     assert_eq!(scene.stages[0].until.stress_within, Some(0.01));
+}
+
+#[test]
+fn laws_take_units_of_adhesion() {
+    let choice = |sets: &[&str]| with(EXAMPLE, sets).contact.cohesion;
+    let jkr = choice(&["contact.cohesion.jkr.work_of_adhesion='50 mJ/m^2'"]);
+    assert_eq!(jkr, LawChoice::named("jkr").with("work_of_adhesion", 0.05));
+    let sjkr = choice(&["contact.cohesion.sjkr.energy_density='20 kJ/m^3'"]);
+    assert_eq!(sjkr, LawChoice::named("sjkr").with("energy_density", 2e4));
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! From names to laws: the choice of a world resolved and prepared for pairs of materials.
 
+use std::ops::Range;
+
 use crate::kernel::cohesion::CohesionLaw;
 use crate::kernel::normal::NormalLaw;
 use crate::kernel::rolling::RollingLaw;
@@ -91,15 +93,33 @@ impl Laws {
         })
     }
 
-    /// What is remembered per contact, slot after slot: for each float the sign that it takes when the two
-    /// bodies change roles.
+    /// What is remembered per contact: for each float the sign that it takes when the two bodies change roles.
     pub fn history(&self) -> Vec<f64> {
-        [self.normal.history(), self.tangential.history(), self.rolling.history(), self.cohesion.history()]
-            .concat()
+        self.remembering().concat()
     }
 
-    /// The coefficients of a pair.
-    pub fn prepare(&self, model: &ContactModel, pair: &PairProperties) -> Result<PairCoefficients, LawError> {
+    /// Where the floats that the law of a slot remembers stand among those of a contact.
+    pub fn place(&self, slot: Slot) -> Range<usize> {
+        let lengths = self.remembering().map(<[f64]>::len);
+        // The tangential spring comes first: of most worlds it is all that is remembered.
+        let rank =
+            [Slot::Tangential, Slot::Rolling, Slot::Normal, Slot::Cohesion].iter().position(|s| *s == slot);
+        let rank = rank.unwrap_or_default();
+        let begin = lengths[..rank].iter().sum();
+        begin..begin + lengths[rank]
+    }
+
+    fn remembering(self) -> [&'static [f64]; 4] {
+        [self.tangential.history(), self.rolling.history(), self.normal.history(), self.cohesion.history()]
+    }
+
+    /// The coefficients of a pair of materials among bodies of radii up to `radius` \[m\].
+    pub fn prepare(
+        &self,
+        model: &ContactModel,
+        pair: &PairProperties,
+        radius: f64,
+    ) -> Result<PairCoefficients, LawError> {
         if !(0.0..=1.0).contains(&pair.restitution) {
             return Err(LawError::Range {
                 law: self.normal.info().name,
@@ -130,7 +150,7 @@ impl Laws {
             remember: f64::from(u8::from(model.history != History::None)),
             truncate: f64::from(u8::from(model.history != History::Unbounded)),
             clip: f64::from(u8::from(model.end == ContactEnd::NoTension)),
-            range: self.cohesion.range(&cohesion),
+            range: self.cohesion.range(&cohesion, radius),
         })
     }
 }

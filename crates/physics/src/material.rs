@@ -120,6 +120,8 @@ pub struct PairOverride {
     pub static_friction: Option<f64>,
     /// Rolling friction μr.
     pub rolling_friction: Option<f64>,
+    /// Strength of cohesion as a share of what the law says.
+    pub cohesion: Option<f64>,
 }
 
 /// The properties of one pair of materials that contact laws take their coefficients from.
@@ -137,6 +139,12 @@ pub struct PairProperties {
     pub static_friction: f64,
     /// Rolling friction μr \[-\].
     pub rolling_friction: f64,
+    /// Young's modulus E \[Pa\], the harmonic mean: what laws take that have no E*.
+    pub youngs_modulus: f64,
+    /// Poisson's ratio ν \[-\], the mean.
+    pub poissons_ratio: f64,
+    /// Strength of cohesion as a share of what the law says \[-\]; 1 where the pair says nothing.
+    pub cohesion: f64,
 }
 
 impl PairProperties {
@@ -175,6 +183,9 @@ impl PairProperties {
             rolling_friction: over
                 .rolling_friction
                 .unwrap_or_else(|| mixing.rolling_friction.mix(a.rolling_friction, b.rolling_friction)),
+            youngs_modulus: MixingRule::Harmonic.mix(ea, eb),
+            poissons_ratio: MixingRule::Mean.mix(na, nb),
+            cohesion: over.cohesion.unwrap_or(1.0),
         }
     }
 }

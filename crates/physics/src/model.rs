@@ -223,7 +223,7 @@ impl Preparation<'_> {
 pub trait Law {
     /// Name, source, parameters.
     const INFO: LawInfo;
-    /// What is remembered per contact: for each float the sign that it takes when the two bodies change
+    /// What is remembered per contact, at most four floats: for each the sign that it takes when the two bodies change
     /// roles.
     const HISTORY: &'static [f64] = &[];
     /// The coefficients for a pair.
@@ -234,8 +234,9 @@ pub trait Law {
     fn collision_time(_coefficients: &[f64; 4], _impact: &Impact, _speed: f64) -> f64 {
         f64::INFINITY
     }
-    /// Distance beyond touch up to which a law of cohesion acts \[m\]; laws of the other slots act in touch only.
-    fn range(_coefficients: &[f64; 4]) -> f64 {
+    /// Distance beyond touch up to which a law of cohesion acts between bodies of radii up to `radius` \[m\];
+    /// laws of the other slots act in touch only.
+    fn range(_coefficients: &[f64; 4], _radius: f64) -> f64 {
         0.0
     }
 }

@@ -66,8 +66,8 @@ macro_rules! slot_enum {
                 }
             }
             /// See [`Law::range`](crate::Law::range).
-            pub fn range(self, coefficients: &[f64; 4]) -> f64 {
-                match self { $(Self::$law => <$file::$law as crate::Law>::range(coefficients)),* }
+            pub fn range(self, coefficients: &[f64; 4], radius: f64) -> f64 {
+                match self { $(Self::$law => <$file::$law as crate::Law>::range(coefficients, radius)),* }
             }
             /// Runs `visitor` with the law's type.
             #[inline(always)]
@@ -81,7 +81,7 @@ macro_rules! slot_enum {
             /// What it returns.
             type Output;
             /// Runs with the law `L`.
-            fn visit<L: $kernel>(self) -> Self::Output;
+            fn visit<L: $kernel + crate::Law>(self) -> Self::Output;
         }
     };
 }

@@ -77,7 +77,7 @@ fn restitution(end: ContactEnd, law: &str, e: f64) -> f64 {
     if law == "linear" {
         model.normal = LawChoice::named("linear").with("stiffness", 1e5);
     }
-    let k = Laws::resolve(&model).unwrap().prepare(&model, &pair).unwrap();
+    let k = Laws::resolve(&model).unwrap().prepare(&model, &pair, 1e-3).unwrap();
     let (r_eff, m_eff) = (5e-3_f64, 1e-3_f64);
     let (mut x, mut v, dt) = (0.0_f64, 1.0_f64, 2e-9);
     loop {
@@ -117,7 +117,7 @@ fn no_dashpot_gives_zero_restitution_without_tension() {
     let rule = ShearModulusRule::Mindlin;
     let pair = PairProperties::new(&m, &m, &Mixing::default(), rule, &PairOverride::default());
     let model = ContactModel { end: ContactEnd::NoTension, ..ContactModel::default() };
-    let error = Laws::resolve(&model).unwrap().prepare(&model, &pair).unwrap_err();
+    let error = Laws::resolve(&model).unwrap().prepare(&model, &pair, 1e-3).unwrap_err();
     assert!(matches!(error, LawError::Range { name: "restitution", .. }), "{error}");
     assert!(error.to_string().contains("above 0"), "{error}");
 }

@@ -4,7 +4,7 @@ use glebe_engine::lattice::{add, cross, norm, scale, sub};
 use glebe_engine::spec::{Vec3, WorldSpec};
 use glebe_physics::ContactModel;
 
-use crate::support::{Body, Random, Run, Subject, each_law, grain, label, open_world};
+use crate::support::{Body, Random, Run, Subject, each_law_for, grain, label, open_world};
 
 /// Laws whose torques are not equal and opposite, as their papers have them.
 const NOT_CONSERVING: [&str; 2] = ["chrono", "gpudem"];
@@ -35,7 +35,7 @@ fn momenta(bodies: &[Body], center: Vec3) -> ([Vec3; 2], [f64; 2]) {
 }
 
 pub fn momentum_of_an_isolated_cloud(on: &Subject) {
-    for contact in each_law() {
+    for contact in each_law_for(on) {
         let name = label(&contact);
         let conserving = !NOT_CONSERVING.contains(&contact.rolling.law.as_str());
         let mut run = Run::new(on, cloud(contact));

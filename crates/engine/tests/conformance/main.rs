@@ -7,6 +7,7 @@
 // Clippy's permission for tests does not reach their helpers.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+mod adhesion;
 mod agreement;
 mod bits;
 mod conservation;
@@ -28,6 +29,7 @@ mod restitution;
 mod round;
 mod samples;
 mod servo;
+mod springs;
 mod support;
 
 macro_rules! tests {
@@ -115,6 +117,13 @@ macro_rules! backend_suite {
                 energy::the_ledger_closes,
                 friction::rolling_resistance_stops_a_sphere,
                 reach::what_does_not_touch_does_not_press,
+                adhesion::adhesion_holds_up_to_the_pull_off_force,
+                adhesion::a_bridge_takes_its_energy_when_it_ruptures,
+                adhesion::only_pairs_with_cohesion_stick,
+                adhesion::plastic_contacts_lose_what_their_path_takes,
+                adhesion::history_of_all_slots_survives_a_checkpoint,
+                springs::a_rolling_spring_holds_a_sphere_on_a_slope,
+                springs::twist_is_braked_and_held,
             }
         }
     };
@@ -126,6 +135,7 @@ macro_rules! agreement_suite {
         mod $module {
             tests! { $subject, {};
                 agreement::short_trajectories_equal_the_reference,
+                agreement::trajectories_with_rolling_springs_equal_the_reference,
                 agreement::crowds_step_as_on_the_cpu,
                 precision::forces_of_a_packing_at_50_pa_equal_the_reference,
                 deforming::deforming_trajectories_equal_the_reference,
@@ -133,6 +143,7 @@ macro_rules! agreement_suite {
             }
             tests! { $subject, $slow;
                 agreement::one_step_forces_equal_the_reference,
+                agreement::trajectories_with_all_memory_equal_the_reference,
             }
         }
     };

@@ -44,9 +44,9 @@ pub fn what_does_not_touch_does_not_press(subject: &Subject) {
         {
             (contact.end, contact.history) = (end, history);
             let name = label(&contact);
-            let motion = |range: f64, nudge: f64| {
+            let motion = |farther: f64, nudge: f64| {
                 let (mut c, state) = prepare(bouncing(contact.clone(), nudge)).unwrap();
-                Arc::get_mut(&mut c).unwrap().range = range;
+                Arc::get_mut(&mut c).unwrap().range += farther;
                 let mut run = Run::resume(subject, c, state);
                 let mut met = 0;
                 for _ in 0..12 {
@@ -58,8 +58,12 @@ pub fn what_does_not_touch_does_not_press(subject: &Subject) {
             };
             let (near, met, lost) = motion(0.0, 0.0);
             let (far, met_afar, lost_afar) = motion(0.3 * RADIUS, 0.0);
-            assert!(met > 10 && met_afar > 2 * met, "{name}: {met} and {met_afar} contacts");
-            if subject.exact_reach {
+            // Bridges reach far themselves, and hold a grain at many contacts at once, whose sum has an order.
+            let bridges = contact.cohesion.law == "capillary";
+            let exact_reach = subject.exact_reach && !bridges;
+            let more = if bridges { met } else { 2 * met };
+            assert!(met > 10 && met_afar > more, "{name}: {met} and {met_afar} contacts");
+            if exact_reach {
                 let bits = |bodies: &[[Vec3; 4]]| -> Vec<_> {
                     bodies.iter().map(|b| b.map(|x| x.map(f64::to_bits))).collect()
                 };
@@ -79,8 +83,11 @@ pub fn what_does_not_touch_does_not_press(subject: &Subject) {
                     }
                 }
             }
+            // What adhesion takes is not seen of bodies that part beyond all reach within a step.
+            let parts = contact.cohesion.law == "jkr";
+            let exact = if exact_reach { 1e-9 } else { ORDER };
             assert!(
-                (lost_afar / lost - 1.0).abs() < if subject.exact_reach { 1e-9 } else { ORDER },
+                (lost_afar / lost - 1.0).abs() < if parts { 1e-3 } else { exact },
                 "{name}: {lost:e} and {lost_afar:e} J dissipated"
             );
         }

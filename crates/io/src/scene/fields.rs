@@ -161,6 +161,13 @@ static PAIR: TableSpec = TableSpec {
             .optional(MIXED_WORDS)
             .at_least(0.0)
             .usual(0.0, 10.0),
+        Field::new(
+            "cohesion",
+            NUMBER,
+            "Strength of cohesion in this pair as a share of what the contact laws say; 0 for none.",
+        )
+        .optional("1, as the laws say")
+        .at_least(0.0),
     ],
     rules: &[],
 };

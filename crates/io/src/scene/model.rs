@@ -363,6 +363,7 @@ fn pairs(file: &Record, checker: &mut Checker) -> Vec<PairPart> {
             friction: values.number_if("friction"),
             static_friction: values.number_if("static_friction"),
             rolling_friction: values.number_if("rolling_friction"),
+            cohesion: values.number_if("cohesion"),
         };
         all.push(PairPart { materials: [a.to_owned(), b.to_owned()], values });
     }

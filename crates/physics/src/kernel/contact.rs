@@ -21,6 +21,27 @@ pub struct Coefficients {
     pub d: f32,
 }
 
+/// What a law remembers of a contact: up to four floats, as its `HISTORY` says. All are zero when two bodies meet.
+#[cfg_attr(feature = "gpu", derive(CubeType))]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Memory {
+    /// First.
+    pub a: f32,
+    /// Second.
+    pub b: f32,
+    /// Third.
+    pub c: f32,
+    /// Fourth.
+    pub d: f32,
+}
+
+/// What a law without memory remembers.
+#[cfg_attr(feature = "gpu", cube)]
+#[inline(always)]
+pub fn nothing() -> Memory {
+    Memory { a: 0.0f32, b: 0.0f32, c: 0.0f32, d: 0.0f32 }
+}
+
 /// Size and speed of a contact, as normal laws see it.
 #[cfg_attr(feature = "gpu", derive(CubeType))]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

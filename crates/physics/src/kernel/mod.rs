@@ -14,6 +14,7 @@ pub mod cohesion;
 pub mod contact;
 pub mod integrate;
 pub mod normal;
+pub mod powers;
 pub mod rolling;
 pub mod tangential;
 pub mod triangle;

@@ -107,8 +107,10 @@ pub struct Found {
     pub energy_tangential: f64,
     /// The same before the step's motion \[J\].
     pub energy_before: f64,
-    /// Lost to friction \[J\].
+    /// Lost to friction, and where contacts yield and part \[J\].
     pub friction_loss: f64,
+    /// Lost where rolling springs slip \[J\].
+    pub roll_lost: f64,
     /// Largest overlap as a fraction of the smaller radius, with particle and partner.
     pub worst: (f32, u32, u32),
     /// Pairs in contact, when observing.
@@ -148,6 +150,7 @@ fn block_phase(
     found.energy_tangential = 0.0;
     found.energy_before = 0.0;
     found.friction_loss = 0.0;
+    found.roll_lost = 0.0;
     found.worst = (0.0, 0, 0);
     found.contacts = [0; 2];
     if ph.purpose != Purpose::Observe {
@@ -167,6 +170,7 @@ impl Found {
             self.energy_tangential += f64::from(lanes.energy_tangential[l]);
             self.energy_before += f64::from(lanes.energy_before[l]);
             self.friction_loss += f64::from(lanes.friction_loss[l]);
+            self.roll_lost += f64::from(lanes.roll_lost[l]);
             self.drain[0] += f64::from(lanes.dash_power[l]);
             self.drain[1] += f64::from(lanes.roll_power[l]);
         }

@@ -4,12 +4,14 @@
 //! of them and the choice of law is made once per loop.
 
 use glebe_physics::kernel::cohesion::{self, Cohesion, within};
-use glebe_physics::kernel::contact::{Coefficients, Touch, pressed, relative_velocity, tangential_part};
-use glebe_physics::kernel::normal::{self, Normal, NormalForce};
+use glebe_physics::kernel::contact::{
+    Coefficients, Memory, Touch, pressed, relative_velocity, tangential_part,
+};
+use glebe_physics::kernel::normal::{self, Normal};
 use glebe_physics::kernel::rolling::{self, Roll, Rolling};
 use glebe_physics::kernel::tangential::{self, Friction, Tangential, carried, slide};
 use glebe_physics::kernel::vector::{V3, cross, dot, minus, plus, scaled};
-use glebe_physics::{Laws, PairCoefficients};
+use glebe_physics::{Law, Laws, PairCoefficients, Slot};
 
 use crate::setup::MEMORY;
 
@@ -85,6 +87,8 @@ pub struct Lanes {
     /// Stiffness of the normal spring \[N/m\].
     pub stiffness: Lane,
     attraction: Lane,
+    /// Lost where contacts yield and part \[J\]; only where laws do so.
+    lost: Lane,
     spring_stiffness: Lane,
     spring_damping: Lane,
 
@@ -100,6 +104,8 @@ pub struct Lanes {
     pub dash_power: Lane,
     /// Power of rolling resistance \[W\].
     pub roll_power: Lane,
+    /// Lost where rolling springs slip \[J\].
+    pub roll_lost: Lane,
     /// Energy of normal spring and cohesion \[J\].
     pub energy_normal: Lane,
     /// Energy of the tangential spring \[J\].
@@ -135,6 +141,7 @@ impl Default for Lanes {
             viscous: l,
             stiffness: l,
             attraction: l,
+            lost: l,
             spring_stiffness: l,
             spring_damping: l,
             force: l3,
@@ -143,6 +150,7 @@ impl Default for Lanes {
             drain: [l3; 2],
             dash_power: l,
             roll_power: l,
+            roll_lost: l,
             energy_normal: l,
             energy_tangential: l,
             energy_before: l,
@@ -243,16 +251,25 @@ impl Lanes {
     #[inline(always)]
     fn evaluated<const ACCOUNTS: bool>(&mut self, used: usize, laws: Laws, pair: &Pair, dt: f32) {
         self.kinematics(used);
-        laws.cohesion.visit(CohesionLoop(self, used, pair));
-        laws.normal.visit(NormalLoop(self, used, pair));
-        let offset = laws.normal.history().len();
+        let yields = !(laws.normal.history().is_empty() && laws.cohesion.history().is_empty());
+        if yields {
+            self.lost = [0.0; LANES];
+        }
+        laws.cohesion.visit(CohesionLoop(self, used, pair, laws.place(Slot::Cohesion).start));
+        laws.normal.visit(NormalLoop(self, used, pair, laws.place(Slot::Normal).start));
         laws.tangential.visit(TangentialLoop(self, used, pair));
         if laws.tangential.history().is_empty() {
             self.without_friction(used);
         } else {
-            self.slide::<ACCOUNTS>(used, offset, &pair.friction, dt);
+            self.slide::<ACCOUNTS>(used, laws.place(Slot::Tangential).start, &pair.friction, dt);
         }
-        laws.rolling.visit(RollingLoop::<ACCOUNTS>(self, used, &pair.rolling, dt));
+        if ACCOUNTS && yields {
+            for l in 0..used {
+                self.friction_loss[l] += self.lost[l];
+            }
+        }
+        let rolling = laws.place(Slot::Rolling).start;
+        laws.rolling.visit(RollingLoop::<ACCOUNTS>(self, used, &pair.rolling, rolling, dt));
     }
 
     #[inline(always)]
@@ -282,6 +299,21 @@ impl Lanes {
             r_eff: self.r_eff[l],
             m_eff: self.m_eff[l],
             diameter: self.diameter[l],
+        }
+    }
+
+    /// What the law `L` remembers, whose floats begin at `from`.
+    #[inline(always)]
+    fn recalled<L: Law>(&self, from: usize, l: usize) -> Memory {
+        let at = |k: usize| if k < L::HISTORY.len() { self.history[from + k][l] } else { 0.0 };
+        Memory { a: at(0), b: at(1), c: at(2), d: at(3) }
+    }
+
+    /// Puts what the law `L` remembers where it was; nothing unless `on`.
+    #[inline(always)]
+    fn keep<L: Law>(&mut self, from: usize, l: usize, m: Memory, on: bool) {
+        for (k, x) in [m.a, m.b, m.c, m.d].into_iter().enumerate().take(L::HISTORY.len()) {
+            self.history[from + k][l] = if on { x } else { 0.0 };
         }
     }
 
@@ -323,7 +355,6 @@ impl Lanes {
                 tangential::Spring { stiffness: self.spring_stiffness[l], damping: self.spring_damping[l] };
             let load = self.elastic[l] + self.viscous[l];
             let t = slide(stretch, history[3][l], spring, *friction, load, at(&self.vt, l), dt);
-            // Bodies that do not touch remember nothing.
             let touch = self.delta[l] >= 0.0;
             let spring = [t.stretch.x, t.stretch.y, t.stretch.z, t.slip];
             for (lane, x) in history.iter_mut().zip(spring) {
@@ -349,31 +380,44 @@ impl Lanes {
     }
 }
 
-struct CohesionLoop<'a>(&'a mut Lanes, usize, &'a Pair);
+struct CohesionLoop<'a>(&'a mut Lanes, usize, &'a Pair, usize);
 
 impl cohesion::Visitor for CohesionLoop<'_> {
     type Output = ();
     #[inline(always)]
-    fn visit<L: Cohesion>(self) {
-        let Self(lanes, used, pair) = self;
+    fn visit<L: Cohesion + Law>(self) {
+        let Self(lanes, used, pair, from) = self;
         for l in 0..used {
             let touch = lanes.touch(l);
-            let a = within(L::attraction(&pair.cohesion, touch), touch, pair.range);
+            let m = lanes.recalled::<L>(from, l);
+            let a = within(L::attraction(&pair.cohesion, touch, m), touch, pair.range);
+            if !L::HISTORY.is_empty() {
+                lanes.keep::<L>(from, l, a.memory, true);
+                lanes.lost[l] = a.lost;
+            }
             lanes.attraction[l] = a.force;
             lanes.energy_normal[l] = a.energy;
         }
     }
 }
 
-struct NormalLoop<'a>(&'a mut Lanes, usize, &'a Pair);
+struct NormalLoop<'a>(&'a mut Lanes, usize, &'a Pair, usize);
 
 impl normal::Visitor for NormalLoop<'_> {
     type Output = ();
     #[inline(always)]
-    fn visit<L: Normal>(self) {
-        let Self(lanes, used, pair) = self;
+    fn visit<L: Normal + Law>(self) {
+        let Self(lanes, used, pair, from) = self;
         for l in 0..used {
-            let f = normal::ended(L::force(&pair.normal, pressed(lanes.touch(l))), pair.clip);
+            let m = lanes.recalled::<L>(from, l);
+            let f = normal::ended(L::force(&pair.normal, pressed(lanes.touch(l)), m), pair.clip);
+            if !L::HISTORY.is_empty() {
+                // Bodies that do not touch remember nothing but their cohesion.
+                let touches = lanes.delta[l] >= 0.0;
+                lanes.keep::<L>(from, l, f.memory, touches);
+                lanes.lost[l] += if touches { f.lost } else { 0.0 };
+                lanes.attraction[l] += f.pull;
+            }
             lanes.elastic[l] = f.elastic;
             lanes.viscous[l] = f.viscous;
             lanes.stiffness[l] = f.stiffness;
@@ -390,12 +434,12 @@ impl tangential::Visitor for TangentialLoop<'_> {
     fn visit<L: Tangential>(self) {
         let Self(lanes, used, pair) = self;
         for l in 0..used {
-            let n = NormalForce {
-                elastic: lanes.elastic[l],
-                viscous: lanes.viscous[l],
-                stiffness: lanes.stiffness[l],
-                energy: lanes.energy_normal[l],
-            };
+            let n = normal::simple(
+                lanes.elastic[l],
+                lanes.viscous[l],
+                lanes.stiffness[l],
+                lanes.energy_normal[l],
+            );
             let s = L::spring(&pair.tangential, pressed(lanes.touch(l)), n);
             lanes.spring_stiffness[l] = s.stiffness;
             lanes.spring_damping[l] = s.damping;
@@ -403,13 +447,14 @@ impl tangential::Visitor for TangentialLoop<'_> {
     }
 }
 
-struct RollingLoop<'a, const ACCOUNTS: bool>(&'a mut Lanes, usize, &'a Coefficients, f32);
+struct RollingLoop<'a, const ACCOUNTS: bool>(&'a mut Lanes, usize, &'a Coefficients, usize, f32);
 
 impl<const ACCOUNTS: bool> rolling::Visitor for RollingLoop<'_, ACCOUNTS> {
     type Output = ();
     #[inline(always)]
-    fn visit<L: Rolling>(self) {
-        let Self(lanes, used, k, dt) = self;
+    fn visit<L: Rolling + Law>(self) {
+        let Self(lanes, used, k, from, dt) = self;
+        let remembers = !L::HISTORY.is_empty();
         for l in 0..used {
             let n = at(&lanes.n, l);
             let tangential = tangential_part(at(&lanes.force, l), n);
@@ -433,19 +478,31 @@ impl<const ACCOUNTS: bool> rolling::Visitor for RollingLoop<'_, ACCOUNTS> {
                     inv_inertia_j: inertia(1),
                     r_eff: lanes.r_eff[l],
                     load: f32::max(lanes.load(l), 0.0),
+                    stiffness: lanes.stiffness[l],
+                    shear_stiffness: lanes.spring_stiffness[l],
                     dt,
                 },
+                lanes.recalled::<L>(from, l),
             );
-            for (s, on) in [t.on_i, t.on_j].into_iter().enumerate() {
+            if remembers {
+                let touches = lanes.delta[l] >= 0.0;
+                lanes.keep::<L>(from, l, t.memory, touches);
+            }
+            for (s, (on, brake)) in [(t.on_i, t.brake_i), (t.on_j, t.brake_j)].into_iter().enumerate() {
                 let torque = plus(at(&lanes.torque[s], l), on);
                 put(&mut lanes.torque[s], l, torque);
                 if ACCOUNTS {
-                    let drain = plus(at(&lanes.drain[s], l), on);
+                    let drain = plus(at(&lanes.drain[s], l), brake);
                     put(&mut lanes.drain[s], l, drain);
                 }
             }
             if ACCOUNTS {
-                lanes.roll_power[l] = dot(t.on_i, at(&lanes.w[0], l)) + dot(t.on_j, at(&lanes.w[1], l));
+                lanes.roll_power[l] = dot(t.brake_i, at(&lanes.w[0], l)) + dot(t.brake_j, at(&lanes.w[1], l));
+                lanes.roll_lost[l] = t.lost;
+                if remembers {
+                    lanes.energy_tangential[l] += t.energy;
+                    lanes.energy_before[l] += t.energy_before;
+                }
             }
         }
     }

@@ -421,6 +421,7 @@ impl CpuWorld {
             ledger.elastic_tangential = 0.0;
             for f in &self.found {
                 ledger.friction += f.friction_loss;
+                ledger.rolling += f.roll_lost;
                 ledger.elastic_tangential += f.energy_tangential;
                 ledger.stiffness_change -= f.energy_before;
             }

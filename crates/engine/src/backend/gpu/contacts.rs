@@ -11,7 +11,8 @@ use glebe_physics::kernel::vector::{V3, cross, dot, plus, scaled};
 use super::compensated::{Two3, gap, sum, whole};
 use super::layout::{F4, NONE, PARTNER, SECOND, SLICE, Signature, TOUCHING, U4, float_at, status, world};
 use super::pair::{Meeting, interact, inverse_inertia};
-use super::step::{Purpose, Sums, apart2, bits3, first3, four, pick, see_contact, shared_push, turned, zero};
+use super::recall::{Floats, packed, recalled};
+use super::step::{Purpose, Sums, apart2, bits3, first3, pick, see_contact, shared_push, turned, zero};
 use super::surfaces::{metres, surfaces_of, too_deep};
 
 /// Candidates of a list that are looked at together: as many as a word has bits.
@@ -288,6 +289,12 @@ fn owned(desk: &Desk, #[comptime] column: u32, #[comptime] owners: u32) -> V3 {
     V3 { x, y, z }
 }
 
+/// Where F4 `q` of what entry `at` remembers stands: each has both halves of all lists to itself.
+#[cube]
+pub fn plane(list_room: u32, at: u32, #[comptime] q: u32) -> u32 {
+    at + comptime!(2 * q) * list_room
+}
+
 /// The sums of the contacts of the block's particles. Vectors are those of the owner that a unit is; energies, losses
 /// and counts are those of the contacts that the unit looked at, whose owners are in its block.
 // Variables of a kernel begin with a value, read or not.
@@ -298,6 +305,7 @@ pub fn contacts_of(
     block: u32,
     k: u32,
     padded: u32,
+    list_room: u32,
     row_room: u32,
     facet_room: u32,
     names: u32,
@@ -447,7 +455,12 @@ pub fn contacts_of(
             let (place_a, place_b) = (place[a], place[b]);
             let (vel_a, vel_b) = (vel[a], vel[b]);
             let (spin_a, spin_b) = (spin[a], spin[b]);
-            let before = hist[at as usize];
+            // Without memory anything of that shape serves, since nobody reads it.
+            let before = if comptime!(s.quads() > 0) { hist[at as usize] } else { vel_a };
+            let next =
+                if comptime!(s.quads() > 1) { hist[plane(list_room, at, 1u32) as usize] } else { before };
+            let last =
+                if comptime!(s.quads() > 2) { hist[plane(list_room, at, 2u32) as usize] } else { before };
             let r_a = f32::reinterpret(place_a[3]);
             let r_b = f32::reinterpret(place_b[3]);
             let apart = Two3 {
@@ -499,12 +512,18 @@ pub fn contacts_of(
                         v_b,
                         w_a: bits3(spin_a),
                         w_b: bits3(spin_b),
-                        stretch: V3 {
-                            x: select(touched, before[0], 0.0f32),
-                            y: select(touched, before[1], 0.0f32),
-                            z: select(touched, before[2], 0.0f32),
-                        },
-                        slip: select(touched, before[3], 0.0f32),
+                        memory: recalled(
+                            Floats {
+                                x: select(touched, before[0], 0.0f32),
+                                y: select(touched, before[1], 0.0f32),
+                                z: select(touched, before[2], 0.0f32),
+                                w: select(touched, before[3], 0.0f32),
+                                second: next,
+                                third: last,
+                                known: touched,
+                            },
+                            comptime!(s.laws),
+                        ),
                     },
                     pairs,
                     table + spin_a[3] * materials + spin_b[3],
@@ -558,7 +577,17 @@ pub fn contacts_of(
                     }
                 }
                 if comptime!(purpose == Purpose::Step) {
-                    hist[at as usize] = four(e.stretch.x, e.stretch.y, e.stretch.z, e.slip);
+                    if comptime!(s.quads() > 0) {
+                        hist[at as usize] = packed(e.memory, comptime!(s.laws), 0usize);
+                    }
+                    if comptime!(s.quads() > 1) {
+                        hist[plane(list_room, at, 1u32) as usize] =
+                            packed(e.memory, comptime!(s.laws), 1usize);
+                    }
+                    if comptime!(s.quads() > 2) {
+                        hist[plane(list_room, at, 2u32) as usize] =
+                            packed(e.memory, comptime!(s.laws), 2usize);
+                    }
                     if !touched {
                         nbr[at as usize] = entry | TOUCHING;
                     }

@@ -498,7 +498,7 @@ impl Group {
             slow: device.zeros(6 * n, QUAD),
             lists: device.zeros(2 * n + 2 * n / SLICE as usize, 4),
             nbr: device.zeros(2 * entries, 4),
-            hist: device.zeros(2 * entries, QUAD),
+            hist: device.zeros((2 * entries * signature.quads() as usize).max(1), QUAD),
             bounds: device.upload(&meshes.rows),
             poses: device.zeros(1, 4),
             tris: device.upload(&meshes.triangles),
@@ -508,7 +508,7 @@ impl Group {
             rows: device.zeros(2 * n + 6 * row_room, 4),
             facets: device.zeros(2 * FACET_WORDS as usize * facet_room, 4),
             row_count: device.zeros(2 * row_room, 4),
-            row_mem: device.zeros(4 * row_room * SLOTS as usize, QUAD),
+            row_mem: device.zeros(2 * signature.row_quads() as usize * row_room * SLOTS as usize, QUAD),
             push: device.zeros(
                 2 * (row_room * SLOTS as usize + row_room.div_ceil(signature.rows_of_block()) * names),
                 QUAD,
@@ -550,6 +550,11 @@ impl Group {
             b,
             times: PhaseTimes::default(),
         }
+    }
+
+    /// Where quad `q` of what pairs remember begins.
+    fn plane(&self, q: usize) -> usize {
+        2 * q * self.rooms[0] as usize
     }
 
     fn state_word(&self, w: usize, k: u32) -> u32 {
@@ -629,24 +634,28 @@ impl Group {
             used += members.iter().max().unwrap_or(&0) * SLICE;
         }
         offsets[n.div_ceil(SLICE as usize)..].fill(region.begins[0] + used);
-        let (mut entries, mut history) = (vec![0_u32; used as usize], vec![[0.0_f32; 4]; used as usize]);
+        let mut entries = vec![0_u32; used as usize];
+        let mut history = vec![vec![[0.0_f32; 4]; used as usize]; self.signature.quads() as usize];
         let mut filled = vec![0_u32; n];
         for (&[a, b], m) in known() {
-            let h = spring(&m.history);
             for (i, entry) in [(a, region.first + b as u32), (b, SECOND | (region.first + a as u32))] {
                 let from = offsets[i / SLICE as usize] - region.begins[0] + i as u32 % SLICE;
                 let to = (from + filled[i] * SLICE) as usize;
                 entries[to] = TOUCHING | entry;
-                history[to] = h;
+                for (q, plane) in history.iter_mut().enumerate() {
+                    plane[to] = quad_of(&m.history, q);
+                }
                 filled[i] += 1;
             }
         }
         entries.truncate(region.rooms.lists as usize);
-        history.truncate(region.rooms.lists as usize);
         device.write(&self.b.lists, region.first as usize, &counts);
         device.write(&self.b.lists, 2 * self.padded as usize + (region.first / SLICE) as usize, &offsets);
         device.write(&self.b.nbr, region.begins[0] as usize, &entries);
-        device.write(&self.b.hist, region.begins[0] as usize, &history);
+        for (q, mut plane) in history.into_iter().enumerate() {
+            plane.truncate(region.rooms.lists as usize);
+            device.write(&self.b.hist, self.plane(q) + region.begins[0] as usize, &plane);
+        }
     }
 
     fn put_surface_contacts<R: Runtime>(&self, device: &Device<R>, w: usize, state: &State, places: &Places) {
@@ -662,16 +671,21 @@ impl Group {
             }
             row_of[i] = region.begins[1] + counts.len() as u32;
             counts.push(same.len().min(SLOTS as usize) as u32);
-            let mut slots = vec![[0.0_f32; 4]; 2 * SLOTS as usize];
+            let wide = self.signature.row_quads() as usize;
+            let mut slots = vec![[0.0_f32; 4]; wide * SLOTS as usize];
             for (k, m) in same.iter().take(SLOTS as usize).enumerate() {
-                slots[2 * k] = [m.n[0], m.n[1], m.n[2], m.surface as f32];
-                slots[2 * k + 1] = spring(&m.history);
+                slots[wide * k] = [m.n[0], m.n[1], m.n[2], m.surface as f32];
+                (1..wide).for_each(|q| slots[wide * k + q] = quad_of(&m.history, q - 1));
             }
             memory.extend(slots);
         }
         device.write(&self.b.rows, region.first as usize, &row_of);
         device.write(&self.b.row_count, region.begins[1] as usize, &counts);
-        device.write(&self.b.row_mem, (region.begins[1] * SLOTS * 2) as usize, &memory);
+        device.write(
+            &self.b.row_mem,
+            (region.begins[1] * SLOTS * self.signature.row_quads()) as usize,
+            &memory,
+        );
     }
 
     /// Uploads tables for jobs of a number of steps from the progress of each world (`None` for idle ones), with
@@ -1464,6 +1478,7 @@ impl Group {
                 b.nbr.arg(),
                 b.hist.arg(),
                 self.signature.orthogonal,
+                self.signature.quads(),
             );
             if self.signature.surfaces {
                 self.rebuild_rows(device);
@@ -1611,7 +1626,9 @@ impl Group {
             .min(region.rooms.lists) as usize;
         let from = listed * self.rooms[0] as usize + region.begins[0] as usize;
         let nbr: Vec<u32> = device.read(&b.nbr, from, used);
-        let hist: Vec<[f32; 4]> = device.read(&b.hist, from, used);
+        let quads = self.signature.quads() as usize;
+        let hist: Vec<Vec<[f32; 4]>> =
+            (0..quads).map(|q| device.read(&b.hist, self.plane(q) + from, used)).collect();
         if device.broken().is_some() {
             return Vec::new();
         }
@@ -1627,7 +1644,8 @@ impl Group {
                     continue;
                 }
                 let j = (entry & PARTNER) as usize - first;
-                contacts.push(ContactMemory { id: [p.id[i], p.id[j]], history: hist[at][..h].to_vec() });
+                let floats = hist.iter().flat_map(|plane| plane[at]).take(h);
+                contacts.push(ContactMemory { id: [p.id[i], p.id[j]], history: floats.collect() });
             }
         }
         contacts.sort_unstable_by_key(|m| m.id);
@@ -1655,20 +1673,21 @@ impl Group {
         let used = row_of.iter().filter(|r| **r != NONE).map(|r| *r as usize + 1 - begin).max().unwrap_or(0);
         let half = parity * self.rooms[1] as usize;
         let counts: Vec<u32> = device.read(&b.row_count, half + begin, used);
-        let memory: Vec<[f32; 4]> =
-            device.read(&b.row_mem, (half + begin) * 2 * SLOTS as usize, used * 2 * SLOTS as usize);
+        let wide = self.signature.row_quads() as usize;
+        let row_quads = wide * SLOTS as usize;
+        let memory: Vec<[f32; 4]> = device.read(&b.row_mem, (half + begin) * row_quads, used * row_quads);
         let h = c.history.len();
         let mut found = Vec::new();
         for (i, row) in row_of.iter().enumerate().filter(|(_, r)| **r != NONE) {
             let row = *row as usize - begin;
             for k in 0..counts[row] as usize {
-                let at = 2 * (row * SLOTS as usize + k);
+                let at = wide * (row * SLOTS as usize + k);
                 let m = memory[at];
                 found.push(SurfaceMemory {
                     id: p.id[i],
                     surface: m[3] as u32,
                     n: [m[0], m[1], m[2]],
-                    history: memory[at + 1][..h].to_vec(),
+                    history: memory[at + 1..at + wide].iter().flatten().take(h).copied().collect(),
                 });
             }
         }
@@ -1706,9 +1725,9 @@ fn steps_ahead(c: &Constants, g: &Progress, most: u64) -> u64 {
     narrow.unwrap_or(most)
 }
 
-/// What a contact remembers, as four words; laws that remember more are refused.
-fn spring(history: &[f32]) -> [f32; 4] {
-    std::array::from_fn(|k| history.get(k).copied().unwrap_or_default())
+/// Quad `q` of what a contact remembers.
+fn quad_of(history: &[f32], q: usize) -> [f32; 4] {
+    std::array::from_fn(|k| history.get(4 * q + k).copied().unwrap_or_default())
 }
 
 /// Widens the rooms of a world that lacks some, and those of the others in proportion to their particles: what one world

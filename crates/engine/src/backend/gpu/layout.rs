@@ -71,6 +71,16 @@ pub struct Signature {
 }
 
 impl Signature {
+    /// F4 that hold what a contact remembers.
+    pub fn quads(&self) -> u32 {
+        self.laws.history().len().div_ceil(4) as u32
+    }
+
+    /// F4 that a remembered contact with a surface takes: normal and boundary, then what it remembers.
+    pub fn row_quads(&self) -> u32 {
+        1 + self.quads()
+    }
+
     /// Whether particles near surfaces have blocks of their own in a step.
     pub fn near_blocks(&self) -> bool {
         self.surfaces && self.merged

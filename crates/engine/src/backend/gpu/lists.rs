@@ -6,6 +6,7 @@
 
 use cubecl::prelude::*;
 
+use super::contacts::plane;
 use super::layout::{
     BLOCK, F4, NONE, PARTNER, PERIOD, RELIST, SECOND, SLICE, TOUCHING, U4, cell_at, flag, float_at, halt,
     status, world,
@@ -619,6 +620,7 @@ pub fn fill(
     nbr: &mut Array<u32>,
     hist: &mut Array<F4>,
     #[comptime] orthogonal: bool,
+    #[comptime] quads: u32,
 ) {
     let w = world_of[CUBE_POS];
     if rebuilding(states, w) {
@@ -671,7 +673,14 @@ pub fn fill(
                         let candidate = nbr[to as usize];
                         if (candidate & PARTNER) == j {
                             nbr[to as usize] = candidate | TOUCHING;
-                            hist[to as usize] = hist[at as usize];
+                            if comptime!(quads > 0) {
+                                hist[to as usize] = hist[at as usize];
+                            }
+                            #[unroll]
+                            for q in 1..quads {
+                                hist[plane(list_room, to, q) as usize] =
+                                    hist[plane(list_room, at, q) as usize];
+                            }
                             q = n;
                         } else {
                             q += 1u32;

@@ -21,6 +21,7 @@ mod layout;
 mod lists;
 mod pair;
 pub mod probe;
+mod recall;
 mod round;
 mod rows;
 mod scan;
@@ -292,7 +293,7 @@ impl Accelerator {
 
     /// Why the device cannot run worlds together.
     pub fn refusal(self, worlds: &[Arc<Constants>]) -> Option<String> {
-        let each = worlds.iter().find_map(|c| refusal(c).or_else(|| self.crowded(c.count)));
+        let each = worlds.iter().find_map(|c| self.crowded(c.count));
         each.or_else(|| {
             let particles = worlds.iter().map(|c| c.count).sum();
             overflow(particles, self.need(worlds), self.room())
@@ -410,19 +411,6 @@ fn overflow(particles: usize, need: Need, (memory, largest): (Option<u64>, u64))
         _ if need.largest > largest => Some(told(need.largest, "a buffer of at least", largest)),
         _ => None,
     }
-}
-
-/// What no device can do with a world, however large it is.
-fn refusal(c: &Constants) -> Option<String> {
-    let laws = &c.laws;
-    let springs = laws.tangential.history().len();
-    let others = [laws.normal.history(), laws.rolling.history(), laws.cohesion.history()];
-    let forgotten = !matches!(springs, 0 | 4) || others.iter().any(|floats| !floats.is_empty());
-    forgotten.then(|| {
-        "a device remembers the stretch of the tangential spring in contacts and nothing else, and the laws of this \
-         world remember more"
-            .to_owned()
-    })
 }
 
 #[cfg(test)]

@@ -3,13 +3,16 @@
 use cubecl::prelude::*;
 use glebe_physics::Laws;
 use glebe_physics::kernel::cohesion::{chosen_attraction, within};
-use glebe_physics::kernel::contact::{Coefficients, Touch, pressed, relative_velocity, tangential_part};
+use glebe_physics::kernel::contact::{
+    Coefficients, Memory, Touch, pressed, relative_velocity, tangential_part,
+};
 use glebe_physics::kernel::normal::{chosen_force, ended};
 use glebe_physics::kernel::rolling::{Roll, chosen_torques};
 use glebe_physics::kernel::tangential::{Friction, carried, chosen_spring, slide};
 use glebe_physics::kernel::vector::{V3, cross, dot, minus, plus, scaled};
 
 use super::layout::{F4, PAIR_QUADS};
+use super::recall::Recall;
 
 /// Two bodies that touch. Body b may be a surface: radius and inverse mass 0.
 #[derive(CubeType, Clone, Copy)]
@@ -46,10 +49,8 @@ pub struct Meeting {
     pub w_a: V3,
     /// Angular velocity of b \[rad/s\].
     pub w_b: V3,
-    /// Stretch of the tangential spring \[m\].
-    pub stretch: V3,
-    /// 1 if it slips.
-    pub slip: f32,
+    /// What the contact remembers.
+    pub memory: Recall,
 }
 
 /// What the laws make of it.
@@ -63,27 +64,25 @@ pub struct Effect {
     pub torque_b: V3,
     /// The dashpots' part of the force on a \[N\].
     pub dash: V3,
-    /// Torque of rolling resistance on a \[N m\].
+    /// Torque of rolling resistance on a, springs left out \[N m\].
     pub roll_a: V3,
-    /// Torque of rolling resistance on b \[N m\].
+    /// Torque of rolling resistance on b, springs left out \[N m\].
     pub roll_b: V3,
-    /// Stretch after the step \[m\].
-    pub stretch: V3,
-    /// 1 if it slips.
-    pub slip: f32,
+    /// What the contact remembers after the step.
+    pub memory: Recall,
     /// Stiffness of the normal spring \[N/m\].
     pub stiffness: f32,
     /// Energy of normal spring and cohesion \[J\].
     pub energy_normal: f32,
-    /// Energy of the tangential spring \[J\].
+    /// Energy of the tangential and the rolling springs \[J\].
     pub energy_tangential: f32,
     /// Its energy before this step's motion \[J\].
     pub energy_before: f32,
-    /// Lost to friction in this step \[J\].
+    /// Lost in this step to friction, and where contacts yield and part \[J\].
     pub friction_loss: f32,
     /// Power of the dashpots \[W\].
     pub dash_power: f32,
-    /// Power of rolling resistance \[W\].
+    /// Power of rolling resistance, slipping springs included \[W\].
     pub roll_power: f32,
 }
 
@@ -99,6 +98,22 @@ pub fn inverse_inertia(inverse_mass: f32, curvature: f32) -> f32 {
     2.5f32 * inverse_mass * curvature * curvature
 }
 
+/// What bodies remember that touch; those that do not remember nothing but their cohesion.
+#[cube]
+fn touching(m: Memory, delta: f32, #[comptime] remembers: bool) -> Memory {
+    if comptime!(remembers) {
+        let apart = delta < 0.0f32;
+        Memory {
+            a: select(apart, 0.0f32, m.a),
+            b: select(apart, 0.0f32, m.b),
+            c: select(apart, 0.0f32, m.c),
+            d: select(apart, 0.0f32, m.d),
+        }
+    } else {
+        m
+    }
+}
+
 /// Applies the laws with the coefficients at `pair`.
 #[cube]
 pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] laws: Laws) -> Effect {
@@ -111,24 +126,29 @@ pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] l
     let vt = tangential_part(u, m.n);
     let touch =
         Touch { delta: m.delta, vn, r_eff: m.r_eff, m_eff: 1.0f32 / (m.im_a + m.im_b), diameter: m.diameter };
-    let attraction =
-        within(chosen_attraction(laws.cohesion, &coefficients(pairs, base + 3u32), touch), touch, rest[1]);
+    let attraction = within(
+        chosen_attraction(laws.cohesion, &coefficients(pairs, base + 3u32), touch, m.memory.cohesion),
+        touch,
+        rest[1],
+    );
     let contact = pressed(touch);
-    let normal = ended(chosen_force(laws.normal, &coefficients(pairs, base), contact), clip);
+    let normal = ended(chosen_force(laws.normal, &coefficients(pairs, base), contact, m.memory.normal), clip);
     let load = normal.elastic + normal.viscous;
-    let along = scaled(m.n, attraction.force - load);
+    let adhesive = comptime!(!laws.normal.history().is_empty());
+    let pull = if comptime!(adhesive) { attraction.force + normal.pull } else { attraction.force };
+    let along = scaled(m.n, pull - load);
     let damped = scaled(m.n, 0.0f32 - normal.viscous);
 
     let spring = chosen_spring(laws.tangential, &coefficients(pairs, base + 1u32), contact, normal);
     let spin = plus(m.w_a, m.w_b);
-    let stretch = carried(m.stretch, m.n, 0.5f32 * dt * dot(spin, m.n));
+    let stretch = carried(m.memory.stretch, m.n, 0.5f32 * dt * dot(spin, m.n));
     let friction = Friction {
         sliding: friction4[0],
         sticking: friction4[1],
         remember: friction4[2],
         truncate: friction4[3],
     };
-    let t = slide(stretch, m.slip, spring, friction, load, vt, dt);
+    let t = slide(stretch, m.memory.slip, spring, friction, load, vt, dt);
     let holds = comptime!(!laws.tangential.history().is_empty());
     let on = select(holds, 1.0f32, 0.0f32);
     let kept = select(m.delta < 0.0f32, 0.0f32, on);
@@ -151,24 +171,46 @@ pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] l
             inv_inertia_j: m.ii_b,
             r_eff: m.r_eff,
             load: f32::max(load, 0.0f32),
+            stiffness: normal.stiffness,
+            shear_stiffness: spring.stiffness,
             dt,
         },
+        m.memory.rolling,
     );
+    let springs = comptime!(!laws.rolling.history().is_empty());
+    let yields = comptime!(adhesive || !laws.cohesion.history().is_empty());
+    let slipped =
+        if comptime!(springs) { select(dt > 0.0f32, r.lost / f32::max(dt, 1.0e-30f32), 0.0f32) } else { dt };
+    let yielded =
+        if comptime!(yields) { attraction.lost + select(m.delta < 0.0f32, 0.0f32, normal.lost) } else { dt };
     Effect {
         force: plus(along, force_t),
         torque_a: plus(scaled(couple, m.arm_a), r.on_i),
         torque_b: plus(scaled(couple, m.arm_b), r.on_j),
         dash: plus(damped, dash_t),
-        roll_a: r.on_i,
-        roll_b: r.on_j,
-        stretch: scaled(t.stretch, kept),
-        slip: t.slip * kept,
+        roll_a: r.brake_i,
+        roll_b: r.brake_j,
+        memory: Recall {
+            stretch: scaled(t.stretch, kept),
+            slip: t.slip * kept,
+            rolling: touching(r.memory, m.delta, comptime!(!laws.rolling.history().is_empty())),
+            normal: touching(normal.memory, m.delta, comptime!(adhesive)),
+            cohesion: attraction.memory,
+        },
         stiffness: normal.stiffness,
         energy_normal: normal.energy + attraction.energy,
-        energy_tangential: t.energy * on,
-        energy_before: t.energy_before * on,
-        friction_loss: t.friction_loss * on,
+        energy_tangential: if comptime!(springs) { t.energy * on + r.energy } else { t.energy * on },
+        energy_before: if comptime!(springs) {
+            t.energy_before * on + r.energy_before
+        } else {
+            t.energy_before * on
+        },
+        friction_loss: if comptime!(yields) { t.friction_loss * on + yielded } else { t.friction_loss * on },
         dash_power: dot(dash_t, vt) - normal.viscous * vn,
-        roll_power: dot(r.on_i, m.w_a) + dot(r.on_j, m.w_b),
+        roll_power: if comptime!(springs) {
+            dot(r.brake_i, m.w_a) + dot(r.brake_j, m.w_b) - slipped
+        } else {
+            dot(r.brake_i, m.w_a) + dot(r.brake_j, m.w_b)
+        },
     }
 }

@@ -322,9 +322,9 @@ pub fn settle(
                 let mut kept = 0u32;
                 if before != NONE {
                     kept = row_count[(parity * row_room + before) as usize];
-                    let a = (parity * row_room + before) * SLOTS * 2u32;
-                    let b = ((1u32 - parity) * row_room + mine) * SLOTS * 2u32;
-                    for k in 0..kept * 2u32 {
+                    let a = (parity * row_room + before) * SLOTS * comptime!(s.row_quads());
+                    let b = ((1u32 - parity) * row_room + mine) * SLOTS * comptime!(s.row_quads());
+                    for k in 0..kept * comptime!(s.row_quads()) {
                         row_mem[(b + k) as usize] = row_mem[(a + k) as usize];
                     }
                 }

@@ -669,9 +669,9 @@ pub fn step(
         let mut desk = desk(s, purpose);
         seat(&mut desk, block, padded, list_room, row_room, w, which, worlds, states, lists, rows, s);
         let p = contacts_of(
-            &mut desk, block, k, padded, row_room, facet_room, names, w, which, parity, t, cell, dt, flags,
-            worlds, pairs, place, vel, spin, own, refs, nbr, hist, bounds, poses, tris, verts, rows, facets,
-            row_count, row_mem, push, &mut sight, s, purpose,
+            &mut desk, block, k, padded, list_room, row_room, facet_room, names, w, which, parity, t, cell,
+            dt, flags, worlds, pairs, place, vel, spin, own, refs, nbr, hist, bounds, poses, tris, verts,
+            rows, facets, row_count, row_mem, push, &mut sight, s, purpose,
         );
         // Energies and losses are those of the contacts that this unit looked at.
         if comptime!(purpose == Purpose::Observe) {

@@ -16,6 +16,7 @@ use super::layout::{
     halt, pose, world,
 };
 use super::pair::{Meeting, interact, inverse_inertia};
+use super::recall::{Floats, packed, recalled};
 use super::round::round_facing;
 use super::step::{Purpose, Sums, bits3, first3, four, quad, turned};
 
@@ -589,7 +590,7 @@ pub fn surfaces_of(
             let mut kin = NONE.runtime();
             let mut closest = 0.5f32;
             for q in 0..old_n {
-                let before = row_mem[(2u32 * (old + q)) as usize];
+                let before = row_mem[(comptime!(s.row_quads()) * (old + q)) as usize];
                 let cosine = before[0] * n.x + before[1] * n.y + before[2] * n.z;
                 let mine = u32::cast_from(before[3]) == b && (used >> q) & 1u32 == 0u32;
                 if mine && cosine > closest {
@@ -603,12 +604,26 @@ pub fn surfaces_of(
             let mut slip = 0.0f32;
             if kin != NONE {
                 used |= 1u32 << kin;
-                let h = row_mem[(2u32 * (old + kin) + 1u32) as usize];
-                sx = h[0];
-                sy = h[1];
-                sz = h[2];
-                slip = h[3];
+                if comptime!(s.quads() > 0) {
+                    let h = row_mem[(comptime!(s.row_quads()) * (old + kin) + 1u32) as usize];
+                    sx = h[0];
+                    sy = h[1];
+                    sz = h[2];
+                    slip = h[3];
+                }
             }
+            // Nobody reads what stands in where there is nothing more.
+            let next = if comptime!(s.quads() > 1) {
+                row_mem[(comptime!(s.row_quads()) * (old + select(kin == NONE, 0u32, kin)) + 2u32) as usize]
+            } else {
+                moving
+            };
+            let last = if comptime!(s.quads() > 2) {
+                row_mem[(comptime!(s.row_quads()) * (old + select(kin == NONE, 0u32, kin)) + 3u32) as usize]
+            } else {
+                moving
+            };
+            let known = if comptime!(s.quads() > 1) { kin != NONE } else { true.runtime() };
             let delta = deep[best as usize];
             let x = rounded(from_origin(
                 worlds,
@@ -650,8 +665,10 @@ pub fn surfaces_of(
                     v_b,
                     w_a: w,
                     w_b: turning,
-                    stretch: V3 { x: sx, y: sy, z: sz },
-                    slip,
+                    memory: recalled(
+                        Floats { x: sx, y: sy, z: sz, w: slip, second: next, third: last, known },
+                        comptime!(s.laws),
+                    ),
                 },
                 pairs,
                 table + turn[3] * materials + partner,
@@ -687,9 +704,17 @@ pub fn surfaces_of(
             if slots < SLOTS {
                 if comptime!(purpose == Purpose::Step) {
                     let slot = new + slots;
-                    row_mem[(2u32 * slot) as usize] = four(n.x, n.y, n.z, f32::cast_from(b));
-                    row_mem[(2u32 * slot + 1u32) as usize] =
-                        four(f.stretch.x, f.stretch.y, f.stretch.z, f.slip);
+                    let at = comptime!(s.row_quads()) * slot;
+                    row_mem[at as usize] = four(n.x, n.y, n.z, f32::cast_from(b));
+                    if comptime!(s.quads() > 0) {
+                        row_mem[(at + 1u32) as usize] = packed(f.memory, comptime!(s.laws), 0usize);
+                    }
+                    if comptime!(s.quads() > 1) {
+                        row_mem[(at + 2u32) as usize] = packed(f.memory, comptime!(s.laws), 1usize);
+                    }
+                    if comptime!(s.quads() > 2) {
+                        row_mem[(at + 3u32) as usize] = packed(f.memory, comptime!(s.laws), 2usize);
+                    }
                     let surface = bounds[(bt + boundary::SURFACE) as usize];
                     let named = select(surface == NONE, 0.0f32, f32::cast_from(surface + 1u32));
                     let on = scaled(f.force, 0.0f32 - 1.0f32);

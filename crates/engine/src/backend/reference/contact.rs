@@ -1,15 +1,16 @@
 //! The laws of one contact.
 
-use glebe_physics::Laws;
-use glebe_physics::PairCoefficients;
 use glebe_physics::kernel64::cohesion::{self, Attraction, Cohesion, CohesionLaw, within};
-use glebe_physics::kernel64::contact::{Coefficients, Touch, pressed, relative_velocity, tangential_part};
+use glebe_physics::kernel64::contact::{
+    Coefficients, Memory, Touch, nothing, pressed, relative_velocity, tangential_part,
+};
 use glebe_physics::kernel64::normal::{self, Normal, NormalForce, NormalLaw, ended};
 use glebe_physics::kernel64::rolling::{self, Roll, Rolling, RollingLaw, Torques};
 use glebe_physics::kernel64::tangential::{
     self, Friction, Spring, Tangential, TangentialForce, TangentialLaw, carried, slide,
 };
 use glebe_physics::kernel64::vector::{V3, cross, dot, minus, plus, scaled};
+use glebe_physics::{Laws, PairCoefficients, Slot};
 
 /// Two bodies that touch, as laws see them.
 pub struct Meeting {
@@ -45,12 +46,20 @@ pub struct Pull {
     pub dash: V3,
     /// The rolling part of the torques \[N m\].
     pub roll: [V3; 2],
+    /// The part of it that dissipates \[N m\].
+    pub brake: [V3; 2],
+    /// Lost in this step where rolling springs slip \[J\].
+    pub roll_lost: f64,
+    /// Lost in this step where contacts yield and part \[J\].
+    pub lost: f64,
     /// Energy of normal spring and cohesion \[J\].
     pub energy_normal: f64,
     /// Stiffness of the normal spring \[N/m\].
     pub stiffness: f64,
     /// Of the tangential spring.
     pub tangential: TangentialForce,
+    /// Energy of the tangential and the rolling springs after the step, and before its motion \[J\].
+    pub energy_tangential: [f64; 2],
 }
 
 impl Meeting {
@@ -68,11 +77,18 @@ impl Meeting {
             m_eff: 1.0 / (m.inv_mass[0] + m.inv_mass[1]),
             diameter: m.diameter,
         };
-        let attraction =
-            CohesionLaw::ALL[laws.cohesion as usize].visit(CohesionOf(&coefficients(pair.cohesion), touch));
+        let touches = m.delta >= 0.0;
+        let memory = recalled(&history[laws.place(Slot::Cohesion)]);
+        let law = CohesionLaw::ALL[laws.cohesion as usize];
+        let attraction = law.visit(CohesionOf(&coefficients(pair.cohesion), touch, memory));
         let attraction = within(attraction, touch, pair.range);
+        keep(&mut history[laws.place(Slot::Cohesion)], attraction.memory);
         let touch = pressed(touch);
-        let normal = NormalLaw::ALL[laws.normal as usize].visit(NormalOf(&coefficients(pair.normal), touch));
+        let memory = recalled(&history[laws.place(Slot::Normal)]);
+        let law = NormalLaw::ALL[laws.normal as usize];
+        let normal = law.visit(NormalOf(&coefficients(pair.normal), touch, memory));
+        // Bodies that do not touch remember nothing but their cohesion.
+        keep(&mut history[laws.place(Slot::Normal)], if touches { normal.memory } else { nothing() });
         let normal = ended(normal, pair.clip);
         let load = normal.elastic + normal.viscous;
 
@@ -80,8 +96,7 @@ impl Meeting {
         let spring = law.visit(SpringOf(&coefficients(pair.tangential), touch, normal));
         let mut t = TangentialForce::default();
         if !law.history().is_empty() {
-            let from = laws.normal.history().len();
-            let h = &mut history[from..from + 4];
+            let h = &mut history[laws.place(Slot::Tangential)];
             let twist = 0.5 * dt * dot(plus(wi, wj), m.n);
             let stretch = carried(V3 { x: h[0], y: h[1], z: h[2] }, m.n, twist);
             let friction = Friction {
@@ -91,9 +106,8 @@ impl Meeting {
                 truncate: pair.truncate,
             };
             t = slide(stretch, h[3], spring, friction, load, vt, dt);
-            // Bodies that do not touch remember nothing.
             let spring = [t.stretch.x, t.stretch.y, t.stretch.z, t.slip];
-            h.copy_from_slice(&if m.delta >= 0.0 { spring } else { [0.0; 4] });
+            h.copy_from_slice(&if touches { spring } else { [0.0; 4] });
         }
         let couple = cross(m.n, t.force);
         let roll = Roll {
@@ -109,36 +123,45 @@ impl Meeting {
             inv_inertia_j: m.inv_inertia[1],
             r_eff: m.r_eff,
             load: load.max(0.0),
+            stiffness: normal.stiffness,
+            shear_stiffness: spring.stiffness,
             dt,
         };
-        let r = RollingLaw::ALL[laws.rolling as usize].visit(RollingOf(&coefficients(pair.rolling), roll));
+        let memory = recalled(&history[laws.place(Slot::Rolling)]);
+        let law = RollingLaw::ALL[laws.rolling as usize];
+        let r = law.visit(RollingOf(&coefficients(pair.rolling), roll, memory));
+        keep(&mut history[laws.place(Slot::Rolling)], if touches { r.memory } else { nothing() });
         Pull {
-            force: plus(scaled(m.n, attraction.force - load), t.force),
+            force: plus(scaled(m.n, attraction.force + normal.pull - load), t.force),
             torque: [plus(scaled(couple, m.arm[0]), r.on_i), plus(scaled(couple, m.arm[1]), r.on_j)],
             dash: plus(scaled(m.n, -normal.viscous), minus(t.force, t.spring)),
             roll: [r.on_i, r.on_j],
+            brake: [r.brake_i, r.brake_j],
+            roll_lost: r.lost,
+            lost: attraction.lost + if touches { normal.lost } else { 0.0 },
             energy_normal: normal.energy + attraction.energy,
             stiffness: normal.stiffness,
+            energy_tangential: [t.energy + r.energy, t.energy_before + r.energy_before],
             tangential: t,
         }
     }
 }
 
-struct NormalOf<'a>(&'a Coefficients, Touch);
+struct NormalOf<'a>(&'a Coefficients, Touch, Memory);
 
 impl normal::Visitor for NormalOf<'_> {
     type Output = NormalForce;
     fn visit<L: Normal>(self) -> NormalForce {
-        L::force(self.0, self.1)
+        L::force(self.0, self.1, self.2)
     }
 }
 
-struct CohesionOf<'a>(&'a Coefficients, Touch);
+struct CohesionOf<'a>(&'a Coefficients, Touch, Memory);
 
 impl cohesion::Visitor for CohesionOf<'_> {
     type Output = Attraction;
     fn visit<L: Cohesion>(self) -> Attraction {
-        L::attraction(self.0, self.1)
+        L::attraction(self.0, self.1, self.2)
     }
 }
 
@@ -151,13 +174,24 @@ impl tangential::Visitor for SpringOf<'_> {
     }
 }
 
-struct RollingOf<'a>(&'a Coefficients, Roll);
+struct RollingOf<'a>(&'a Coefficients, Roll, Memory);
 
 impl rolling::Visitor for RollingOf<'_> {
     type Output = Torques;
     fn visit<L: Rolling>(self) -> Torques {
-        L::torques(self.0, self.1)
+        L::torques(self.0, self.1, self.2)
     }
+}
+
+/// What a law finds in its floats.
+fn recalled(floats: &[f64]) -> Memory {
+    let at = |k: usize| floats.get(k).copied().unwrap_or_default();
+    Memory { a: at(0), b: at(1), c: at(2), d: at(3) }
+}
+
+/// Puts what a law remembers into its floats.
+fn keep(floats: &mut [f64], m: Memory) {
+    floats.iter_mut().zip([m.a, m.b, m.c, m.d]).for_each(|(float, x)| *float = x);
 }
 
 fn coefficients([a, b, c, d]: [f64; 4]) -> Coefficients {

@@ -179,7 +179,7 @@ impl World for ReferenceWorld {
         let contacts = self.contacts_now();
         for contact in &contacts {
             m.elastic_normal += contact.pull.energy_normal;
-            m.elastic_tangential += contact.pull.tangential.energy_before;
+            m.elastic_tangential += contact.pull.energy_tangential[1];
             m.overlap = m.overlap.max(contact.depth());
             match contact.with {
                 Partner::Particle(_) => m.contacts += 1,
@@ -521,9 +521,9 @@ impl ReferenceWorld {
         ledger.damping += moved.damped;
         for contact in contacts {
             let (m, pull) = (&contact.meeting, &contact.pull);
-            ledger.friction += pull.tangential.friction_loss;
-            ledger.elastic_tangential += pull.tangential.energy;
-            ledger.stiffness_change -= pull.tangential.energy_before;
+            ledger.friction += pull.tangential.friction_loss + pull.lost;
+            ledger.elastic_tangential += pull.energy_tangential[0];
+            ledger.stiffness_change -= pull.energy_tangential[1];
             // With mid-step velocities the change of kinetic energy is exact for a force held over the step.
             // Velocity Verlet's force acts around the velocity after it.
             let middle = |i: usize| {
@@ -554,7 +554,7 @@ impl ReferenceWorld {
             if c.spec.sampling.energy_ledger {
                 let u = relative_velocity(vi, vj, wi, wj, m.n, m.arm[0], m.arm[1]);
                 ledger.dashpots -= c.dt * dot(pull.dash, u);
-                ledger.rolling -= c.dt * (dot(pull.roll[0], wi) + dot(pull.roll[1], wj));
+                ledger.rolling += pull.roll_lost - c.dt * (dot(pull.brake[0], wi) + dot(pull.brake[1], wj));
             }
         }
         g.account(c, &forces);
@@ -603,7 +603,7 @@ impl ReferenceWorld {
         for contact in self.contacts_now() {
             let other = matches!(contact.with, Partner::Particle(j) if sides[j].is_some());
             if sides[contact.i].is_some() || other {
-                unload(g, [contact.pull.energy_normal, contact.pull.tangential.energy_before]);
+                unload(g, [contact.pull.energy_normal, contact.pull.energy_tangential[1]]);
             }
         }
         let mut left: Vec<_> = self

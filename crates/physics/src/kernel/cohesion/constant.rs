@@ -2,7 +2,7 @@
 //!
 //! Coefficients: a = force F_c \[N\].
 
-use super::{Attraction, Coefficients, Cohesion, Touch};
+use super::{Attraction, Coefficients, Cohesion, Memory, Touch, steady};
 use crate::cube::*;
 use crate::{Law, LawError, LawInfo, ParameterInfo, Preparation};
 
@@ -21,19 +21,19 @@ impl Law for Constant {
             default: None,
             min: 0.0,
             typical: 1e-3,
-            summary: "attraction in every contact",
+            summary: "attraction in every contact; times the cohesion of the pair",
         }],
     };
 
     fn prepare(p: &Preparation<'_>) -> Result<[f64; 4], LawError> {
-        Ok([p.value("force"), 0.0, 0.0, 0.0])
+        Ok([p.pair.cohesion * p.value("force"), 0.0, 0.0, 0.0])
     }
 }
 
 #[cfg_attr(feature = "gpu", cube)]
 impl Cohesion for Constant {
     #[inline(always)]
-    fn attraction(k: &Coefficients, c: Touch) -> Attraction {
-        Attraction { force: k.a, energy: 0.0f32 - k.a * c.delta }
+    fn attraction(k: &Coefficients, c: Touch, _m: Memory) -> Attraction {
+        steady(k.a, 0.0f32 - k.a * c.delta)
     }
 }

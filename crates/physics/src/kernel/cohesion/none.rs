@@ -1,6 +1,6 @@
 //! No cohesion.
 
-use super::{Attraction, Coefficients, Cohesion, Touch};
+use super::{Attraction, Coefficients, Cohesion, Memory, Touch, steady};
 use crate::cube::*;
 use crate::{Law, LawError, LawInfo, Preparation};
 
@@ -19,7 +19,7 @@ impl Law for NoCohesion {
 #[cfg_attr(feature = "gpu", cube)]
 impl Cohesion for NoCohesion {
     #[inline(always)]
-    fn attraction(_k: &Coefficients, _c: Touch) -> Attraction {
-        Attraction { force: 0.0f32, energy: 0.0f32 }
+    fn attraction(_k: &Coefficients, _c: Touch, _m: Memory) -> Attraction {
+        steady(0.0f32, 0.0f32)
     }
 }

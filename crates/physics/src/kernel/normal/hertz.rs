@@ -3,7 +3,7 @@
 //!
 //! Coefficients: a = 2 E* \[Pa\], b = 2√(5/6) β.
 
-use super::{Coefficients, Normal, NormalForce, Touch};
+use super::{Coefficients, Memory, Normal, NormalForce, Touch, simple};
 use crate::cube::*;
 use crate::{Impact, Law, LawError, LawInfo, Preparation, hertz_collision_time, hertz_damping};
 
@@ -30,14 +30,9 @@ impl Law for Hertz {
 #[cfg_attr(feature = "gpu", cube)]
 impl Normal for Hertz {
     #[inline(always)]
-    fn force(k: &Coefficients, c: Touch) -> NormalForce {
+    fn force(k: &Coefficients, c: Touch, _m: Memory) -> NormalForce {
         let stiffness = k.a * root(c.r_eff * c.delta);
         let elastic = (2.0f32 / 3.0f32) * stiffness * c.delta;
-        NormalForce {
-            elastic,
-            viscous: k.b * root(stiffness * c.m_eff) * c.vn,
-            stiffness,
-            energy: 0.4f32 * elastic * c.delta,
-        }
+        simple(elastic, k.b * root(stiffness * c.m_eff) * c.vn, stiffness, 0.4f32 * elastic * c.delta)
     }
 }

@@ -4,7 +4,7 @@
 //!
 //! Coefficients: a = k̂ \[N/m\], b = γ̂ \[1/s\].
 
-use super::{Coefficients, Normal, NormalForce, Touch};
+use super::{Coefficients, Memory, Normal, NormalForce, Touch, simple};
 use crate::cube::*;
 use crate::{
     Impact, Law, LawError, LawInfo, ParameterInfo, Preparation, equivalent_e_star, hertz_collision_time,
@@ -54,14 +54,9 @@ impl Law for HertzStiffness {
 #[cfg_attr(feature = "gpu", cube)]
 impl Normal for HertzStiffness {
     #[inline(always)]
-    fn force(k: &Coefficients, c: Touch) -> NormalForce {
+    fn force(k: &Coefficients, c: Touch, _m: Memory) -> NormalForce {
         let growth = root(c.delta / c.diameter);
         let elastic = k.a * growth * c.delta;
-        NormalForce {
-            elastic,
-            viscous: k.b * growth * c.m_eff * c.vn,
-            stiffness: 1.5f32 * k.a * growth,
-            energy: 0.4f32 * elastic * c.delta,
-        }
+        simple(elastic, k.b * growth * c.m_eff * c.vn, 1.5f32 * k.a * growth, 0.4f32 * elastic * c.delta)
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Coefficients: a = k \[N/m\], b = 2β√k (0 if γ is given), c = γ \[N s/m\] (0 if not).
 
-use super::{Coefficients, Normal, NormalForce, Touch};
+use super::{Coefficients, Memory, Normal, NormalForce, Touch, simple};
 use crate::cube::*;
 use crate::{
     Impact, Law, LawError, LawInfo, ParameterInfo, Preparation, linear_collision_time, linear_damping,
@@ -56,13 +56,8 @@ impl Law for Linear {
 #[cfg_attr(feature = "gpu", cube)]
 impl Normal for Linear {
     #[inline(always)]
-    fn force(k: &Coefficients, c: Touch) -> NormalForce {
+    fn force(k: &Coefficients, c: Touch, _m: Memory) -> NormalForce {
         let elastic = k.a * c.delta;
-        NormalForce {
-            elastic,
-            viscous: (k.b * root(c.m_eff) + k.c) * c.vn,
-            stiffness: k.a,
-            energy: 0.5f32 * elastic * c.delta,
-        }
+        simple(elastic, (k.b * root(c.m_eff) + k.c) * c.vn, k.a, 0.5f32 * elastic * c.delta)
     }
 }

@@ -3,7 +3,7 @@
 //!
 //! Coefficients: a = μr.
 
-use super::{Coefficients, Roll, Rolling, Torques, braking, dot, minus, scaled};
+use super::{Coefficients, Memory, Roll, Rolling, Torques, brakes, braking, dot, minus, scaled};
 use crate::cube::*;
 use crate::{Law, LawError, LawInfo, Preparation};
 
@@ -26,15 +26,15 @@ impl Law for ChronoTorque {
 #[cfg_attr(feature = "gpu", cube)]
 impl Rolling for ChronoTorque {
     #[inline(always)]
-    fn torques(k: &Coefficients, r: Roll) -> Torques {
+    fn torques(k: &Coefficients, r: Roll, _m: Memory) -> Torques {
         // n × v_rot, divided by the larger radius to become a rate that `braking` can bound.
         let size = f32::max(r.r_i, r.r_j);
         let roll = minus(scaled(r.wi, r.r_i / size), scaled(r.wj, r.r_j / size));
         let w = minus(roll, scaled(r.n, dot(roll, r.n)));
         let inv = r.inv_inertia_i + r.inv_inertia_j;
-        Torques {
-            on_i: braking(w, k.a * r.r_i * r.load, inv, r.dt),
-            on_j: scaled(braking(w, k.a * r.r_j * r.load, inv, r.dt), 0.0f32 - 1.0f32),
-        }
+        brakes(
+            braking(w, k.a * r.r_i * r.load, inv, r.dt),
+            scaled(braking(w, k.a * r.r_j * r.load, inv, r.dt), 0.0f32 - 1.0f32),
+        )
     }
 }

@@ -4,7 +4,7 @@
 //!
 //! Coefficients: a = μr.
 
-use super::{Coefficients, Roll, Rolling, Torques, braking, rolling_rate, scaled};
+use super::{Coefficients, Memory, Roll, Rolling, Torques, brakes, braking, rolling_rate, scaled};
 use crate::cube::*;
 use crate::{Law, LawError, LawInfo, Preparation};
 
@@ -27,9 +27,9 @@ impl Law for ConstantTorque {
 #[cfg_attr(feature = "gpu", cube)]
 impl Rolling for ConstantTorque {
     #[inline(always)]
-    fn torques(k: &Coefficients, r: Roll) -> Torques {
+    fn torques(k: &Coefficients, r: Roll, _m: Memory) -> Torques {
         let w = rolling_rate(r);
         let on_i = braking(w, k.a * r.r_eff * r.load, r.inv_inertia_i + r.inv_inertia_j, r.dt);
-        Torques { on_i, on_j: scaled(on_i, 0.0f32 - 1.0f32) }
+        brakes(on_i, scaled(on_i, 0.0f32 - 1.0f32))
     }
 }

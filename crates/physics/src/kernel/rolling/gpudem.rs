@@ -3,7 +3,7 @@
 //!
 //! Coefficients: a = μr.
 
-use super::{Coefficients, Roll, Rolling, Torques, braking};
+use super::{Coefficients, Memory, Roll, Rolling, Torques, brakes, braking};
 use crate::cube::*;
 use crate::{Law, LawError, LawInfo, Preparation};
 
@@ -26,11 +26,11 @@ impl Law for GpudemTorque {
 #[cfg_attr(feature = "gpu", cube)]
 impl Rolling for GpudemTorque {
     #[inline(always)]
-    fn torques(k: &Coefficients, r: Roll) -> Torques {
+    fn torques(k: &Coefficients, r: Roll, _m: Memory) -> Torques {
         let limit = k.a * r.load;
-        Torques {
-            on_i: braking(r.wi, limit * r.arm_i, r.inv_inertia_i, r.dt),
-            on_j: braking(r.wj, limit * r.arm_j, f32::max(r.inv_inertia_j, 1.0e-30f32), r.dt),
-        }
+        brakes(
+            braking(r.wi, limit * r.arm_i, r.inv_inertia_i, r.dt),
+            braking(r.wj, limit * r.arm_j, f32::max(r.inv_inertia_j, 1.0e-30f32), r.dt),
+        )
     }
 }

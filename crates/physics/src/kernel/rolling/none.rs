@@ -1,6 +1,6 @@
 //! No rolling resistance.
 
-use super::{Coefficients, Roll, Rolling, Torques, V3};
+use super::{Coefficients, Memory, Roll, Rolling, Torques, V3, brakes};
 use crate::cube::*;
 use crate::{Law, LawError, LawInfo, Preparation};
 
@@ -19,7 +19,8 @@ impl Law for FreeRolling {
 #[cfg_attr(feature = "gpu", cube)]
 impl Rolling for FreeRolling {
     #[inline(always)]
-    fn torques(_k: &Coefficients, _r: Roll) -> Torques {
-        Torques { on_i: V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 }, on_j: V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 } }
+    fn torques(_k: &Coefficients, _r: Roll, _m: Memory) -> Torques {
+        let zero = V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 };
+        brakes(zero, zero)
     }
 }

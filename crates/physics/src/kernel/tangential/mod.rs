@@ -15,6 +15,7 @@ slot! {
         mindlin::Mindlin,
         linear::LinearTangential,
         hertz_stiffness::HertzStiffnessTangential,
+        rve::RveTangential,
     }
     fn chosen_spring(k: &Coefficients, c: Touch, n: NormalForce) -> Spring = spring(k, c, n);
 }
