@@ -35,6 +35,21 @@ fn crumpled(half: f64, n: u32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     (vertices, triangles)
 }
 
+/// A square of ±`half` whose sides, in `n` parts each, all go to one point.
+fn fan(point: [f64; 2], half: f64, n: u32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+    let corner = |k: u32| [[-half, -half], [half, -half], [half, half], [-half, half]][k as usize % 4];
+    let mut vertices = vec![[point[0], point[1], 0.0]];
+    for side in 0..4 {
+        let (a, b) = (corner(side), corner(side + 1));
+        for k in 0..n {
+            let t = f64::from(k) / f64::from(n);
+            vertices.push([a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), 0.0]);
+        }
+    }
+    let triangles = (0..4 * n).map(|k| [0, 1 + k, 1 + (k + 1) % (4 * n)]).collect();
+    (vertices, triangles)
+}
+
 /// Three spheres on the floor that `pose` places and `floor` covers: one bounces, one slides into rolling, one
 /// rolls. `side` = -1 is under the floor, with gravity upwards.
 fn on_floor(floor: Surface, pose: Pose, side: f64) -> WorldSpec {
@@ -97,6 +112,22 @@ pub fn any_triangulation_is_one_plane(on: &Subject) {
             assert_same(on, &format!("{what}, side {side}, tilt {tilt:.2}"), found, flat);
         }
     }
+}
+
+/// A sphere that rolls over a point where more triangles meet than a device compares at once rolls on one plane.
+pub fn many_triangles_meet_at_a_point(on: &Subject) {
+    let (vertices, triangles) = fan([-0.0099, -0.001], 0.03, 24);
+    let floors = [plane([0.0, 0.0, 1.0], [0.0; 3]), mesh(vertices, triangles, Pose::default())];
+    let mut batch =
+        Together::new(on, floors.into_iter().map(|f| on_floor(f, Pose::default(), 1.0)).collect());
+    let mut found = vec![Vec::new(); 2];
+    for _ in 0..10 {
+        batch.steps(20);
+        found.iter_mut().enumerate().for_each(|(k, frames)| frames.push(batch.bodies(k)));
+    }
+    // The second sphere presses on the point and leaves it.
+    assert!(found[0][0][1].x[0] < -0.0099 && found[0][9][1].x[0] > -0.0099 && batch.moment(0).overlap > 0.0);
+    assert_same(on, "triangles that meet at a point", &found[1], &found[0]);
 }
 
 /// A mesh that spans one period of the cell has no edge where the next period begins.

@@ -347,7 +347,7 @@ pub const PERIOD: u32 = 128;
 pub const MERGED: usize = 131_072;
 /// Contacts of a particle with surfaces that are remembered.
 pub const SLOTS: u32 = 8;
-/// Facets that one particle touches and that are compared with each other; below 32.
+/// Facets that one particle touches and that are compared with each other at once; below 32.
 pub const TOUCHED: u32 = 24;
 /// Words of a facet: triangle, boundary, image.
 pub const FACET_WORDS: u32 = 3;

@@ -461,274 +461,329 @@ pub fn surfaces_of(
     let mut yl = 0.0f32;
     let mut zh = 0.0f32;
     let mut zl = 0.0f32;
-    for e in 0..entries {
-        let facet = FACET_WORDS * (first + e);
-        let triangle = facets[facet as usize];
-        let b = facets[(facet + 1u32) as usize];
-        let seen = facets[(facet + 2u32) as usize];
-        let bt = (bound0 + b) * boundary::WORDS;
-        let at = bounds[(bt + boundary::POSE) as usize] + now * bounds[(bt + boundary::STRIDE) as usize];
-        if poses[(at + pose::PRESENT) as usize] == 1u32 {
-            let triangles = bounds[(bt + boundary::TRIANGLES) as usize];
-            let mut ux = 0.0f32;
-            let mut uy = 0.0f32;
-            let mut uz = 0.0f32;
-            let mut size = 0.0f32;
-            let mut delta = (0.0f32 - 1.0e30f32).runtime();
-            let mut order = 0u32;
-            let parts =
-                if comptime!(s.rounds) { bounds[(bt + boundary::PARTS) as usize] } else { 0u32.runtime() };
-            if b != of || seen != through {
-                of = b;
-                through = seen;
-                let x =
-                    from_origin(worlds, c, poses, at, p, seen, comptime!(s.fused), comptime!(s.orthogonal));
-                xh = x.x.h;
-                xl = x.x.l;
-                yh = x.y.h;
-                yl = x.y.l;
-                zh = x.z.h;
-                zl = x.z.l;
-                if parts == 0u32 && triangles != NONE {
-                    let body = into_body(poses, at, x, comptime!(s.fused));
-                    xh = body.x.h;
-                    xl = body.x.l;
-                    yh = body.y.h;
-                    yl = body.y.l;
-                    zh = body.z.h;
-                    zl = body.z.l;
+    // Of more facets than there is room for, as around a point where many triangles meet, the first in the order below are
+    // held. The others come after those, so that they change nothing if they belong to a contact that was accepted, which
+    // a second look tells.
+    let mut used = 0u32;
+    let mut kept = 0u32;
+    let mut wanted: u32 = 1u32;
+    let mut looks: u32 = 0u32;
+    while looks < wanted {
+        for e in 0..entries {
+            let facet = FACET_WORDS * (first + e);
+            let triangle = facets[facet as usize];
+            let b = facets[(facet + 1u32) as usize];
+            let seen = facets[(facet + 2u32) as usize];
+            let bt = (bound0 + b) * boundary::WORDS;
+            let at = bounds[(bt + boundary::POSE) as usize] + now * bounds[(bt + boundary::STRIDE) as usize];
+            if poses[(at + pose::PRESENT) as usize] == 1u32 {
+                let triangles = bounds[(bt + boundary::TRIANGLES) as usize];
+                let mut ux = 0.0f32;
+                let mut uy = 0.0f32;
+                let mut uz = 0.0f32;
+                let mut size = 0.0f32;
+                let mut delta = (0.0f32 - 1.0e30f32).runtime();
+                let mut order = 0u32;
+                let parts = if comptime!(s.rounds) {
+                    bounds[(bt + boundary::PARTS) as usize]
+                } else {
+                    0u32.runtime()
+                };
+                if b != of || seen != through {
+                    of = b;
+                    through = seen;
+                    let x = from_origin(
+                        worlds,
+                        c,
+                        poses,
+                        at,
+                        p,
+                        seen,
+                        comptime!(s.fused),
+                        comptime!(s.orthogonal),
+                    );
+                    xh = x.x.h;
+                    xl = x.x.l;
+                    yh = x.y.h;
+                    yl = x.y.l;
+                    zh = x.z.h;
+                    zl = x.z.l;
+                    if parts == 0u32 && triangles != NONE {
+                        let body = into_body(poses, at, x, comptime!(s.fused));
+                        xh = body.x.h;
+                        xl = body.x.l;
+                        yh = body.y.h;
+                        yl = body.y.l;
+                        zh = body.z.h;
+                        zl = body.z.l;
+                    }
                 }
-            }
-            let spot = Two3 { x: Two { h: xh, l: xl }, y: Two { h: yh, l: yl }, z: Two { h: zh, l: zl } };
-            if parts > 0u32 {
-                let f = round_facing(bounds, bt, poses, at, triangle, spot, r, comptime!(s.fused));
-                ux = f.gap.n.x;
-                uy = f.gap.n.y;
-                uz = f.gap.n.z;
-                size = f.gap.distance;
-                delta = f.gap.delta;
-                order = f.rank;
-            } else if triangles == NONE {
-                let h = height_above(poses, at, spot, comptime!(s.fused));
-                size = f32::abs(h.h);
-                let sign = select(h.h > 0.0f32, 1.0f32, 0.0f32 - 1.0f32);
-                delta = minus2(sum(r, 0.0f32), Two { h: h.h * sign, l: h.l * sign }).h;
-                let normal = at + pose::NORMAL;
-                ux = 0.0f32 - sign * float_at(poses, normal);
-                uy = 0.0f32 - sign * float_at(poses, normal + 1u32);
-                uz = 0.0f32 - sign * float_at(poses, normal + 2u32);
-            } else {
-                let vertices = bounds[(bt + boundary::VERTICES) as usize];
-                let corners = tris[(triangles + triangle) as usize];
-                if at_hand(verts, corners, vertices, rounded(spot), r + range) {
-                    let f = facing(verts, corners, vertices, spot, r, range, comptime!(s.fused));
-                    let n = into_world(poses, at, f.gap.n);
-                    ux = n.x;
-                    uy = n.y;
-                    uz = n.z;
+                let spot = Two3 { x: Two { h: xh, l: xl }, y: Two { h: yh, l: yl }, z: Two { h: zh, l: zl } };
+                if parts > 0u32 {
+                    let f = round_facing(bounds, bt, poses, at, triangle, spot, r, comptime!(s.fused));
+                    ux = f.gap.n.x;
+                    uy = f.gap.n.y;
+                    uz = f.gap.n.z;
                     size = f.gap.distance;
                     delta = f.gap.delta;
                     order = f.rank;
-                }
-            }
-            if delta > 0.0f32 - range {
-                if m < TOUCHED {
-                    nx[m as usize] = ux;
-                    ny[m as usize] = uy;
-                    nz[m as usize] = uz;
-                    far[m as usize] = size;
-                    deep[m as usize] = delta;
-                    rank[m as usize] = order;
-                    image[m as usize] = seen;
-                    bound[m as usize] = b;
-                    m += 1u32;
+                } else if triangles == NONE {
+                    let h = height_above(poses, at, spot, comptime!(s.fused));
+                    size = f32::abs(h.h);
+                    let sign = select(h.h > 0.0f32, 1.0f32, 0.0f32 - 1.0f32);
+                    delta = minus2(sum(r, 0.0f32), Two { h: h.h * sign, l: h.l * sign }).h;
+                    let normal = at + pose::NORMAL;
+                    ux = 0.0f32 - sign * float_at(poses, normal);
+                    uy = 0.0f32 - sign * float_at(poses, normal + 1u32);
+                    uz = 0.0f32 - sign * float_at(poses, normal + 2u32);
                 } else {
-                    flags[(stops + flag::HALT) as usize].fetch_max(halt::CONTACTS);
-                    flags[(stops + flag::WHO) as usize].fetch_min(hi_ref[3]);
+                    let vertices = bounds[(bt + boundary::VERTICES) as usize];
+                    let corners = tris[(triangles + triangle) as usize];
+                    if at_hand(verts, corners, vertices, rounded(spot), r + range) {
+                        let f = facing(verts, corners, vertices, spot, r, range, comptime!(s.fused));
+                        let n = into_world(poses, at, f.gap.n);
+                        ux = n.x;
+                        uy = n.y;
+                        uz = n.z;
+                        size = f.gap.distance;
+                        delta = f.gap.delta;
+                        order = f.rank;
+                    }
+                }
+                if delta > 0.0f32 - range {
+                    if looks == 1u32 {
+                        let mut shadowed = false;
+                        for q in 0..m {
+                            let cosine = nx[q as usize] * ux + ny[q as usize] * uy + nz[q as usize] * uz;
+                            let height = far[q as usize] - size * cosine;
+                            let accepted = (kept >> q) & 1u32 == 1u32 && bound[q as usize] == b;
+                            shadowed =
+                                shadowed || (accepted && height <= f32::max(deep[q as usize], 1.0e-6f32 * r));
+                        }
+                        if !shadowed {
+                            flags[(stops + flag::HALT) as usize].fetch_max(halt::CONTACTS);
+                            flags[(stops + flag::WHO) as usize].fetch_min(hi_ref[3]);
+                        }
+                    } else {
+                        let mut to = m;
+                        if m < TOUCHED {
+                            m += 1u32;
+                        } else {
+                            // The last in the order below makes room, if it is not this one.
+                            wanted = 2u32;
+                            let mut last_rank = order;
+                            let mut last_far = size;
+                            for q in 0..m {
+                                let higher = rank[q as usize] > last_rank;
+                                let farther = rank[q as usize] == last_rank && far[q as usize] > last_far;
+                                if higher || farther {
+                                    to = q;
+                                    last_rank = rank[q as usize];
+                                    last_far = far[q as usize];
+                                }
+                            }
+                        }
+                        if to < TOUCHED {
+                            nx[to as usize] = ux;
+                            ny[to as usize] = uy;
+                            nz[to as usize] = uz;
+                            far[to as usize] = size;
+                            deep[to as usize] = delta;
+                            rank[to as usize] = order;
+                            image[to as usize] = seen;
+                            bound[to as usize] = b;
+                        }
+                    }
                 }
             }
         }
-    }
-
-    // Face beats edge beats vertex, then the closer; what lies on or below the plane of an accepted
-    // contact belongs to it.
-    let mut used = 0u32;
-    let mut waiting = (1u32 << m) - 1u32;
-    let mut kept = 0u32;
-    // Counted loops only: the optimiser of CubeCL 0.10 turns nested `while` loops over the bits of one word
-    // into loops that do not end.
-    for _round in 0..m {
-        let mut best = 0u32;
-        let mut best_rank = 3u32;
-        let mut best_far = 0.0f32;
-        for q in 0..m {
-            let open = (waiting >> q) & 1u32 == 1u32;
-            let lower = rank[q as usize] < best_rank;
-            let closer = rank[q as usize] == best_rank && far[q as usize] < best_far;
-            if open && (lower || closer) {
-                best = q;
-                best_rank = rank[q as usize];
-                best_far = far[q as usize];
-            }
-        }
-        waiting &= !(1u32 << best);
-        let b = bound[best as usize];
-        let bt = (bound0 + b) * boundary::WORDS;
-        let at = bounds[(bt + boundary::POSE) as usize] + now * bounds[(bt + boundary::STRIDE) as usize];
-        let n = V3 { x: nx[best as usize], y: ny[best as usize], z: nz[best as usize] };
-        let distance = far[best as usize];
-        let mut shadowed = false;
-        for q in 0..m {
-            let accepted = (kept >> q) & 1u32 == 1u32 && bound[q as usize] == b;
-            let cosine = nx[q as usize] * n.x + ny[q as usize] * n.y + nz[q as usize] * n.z;
-            let height = far[q as usize] - distance * cosine;
-            shadowed = shadowed || (accepted && height <= f32::max(deep[q as usize], 1.0e-6f32 * r));
-        }
-        if !shadowed {
-            kept |= 1u32 << best;
-            // What this contact remembers: that of the nearest normal of the step before.
-            let mut kin = NONE.runtime();
-            let mut closest = 0.5f32;
-            for q in 0..old_n {
-                let before = row_mem[(comptime!(s.row_quads()) * (old + q)) as usize];
-                let cosine = before[0] * n.x + before[1] * n.y + before[2] * n.z;
-                let mine = u32::cast_from(before[3]) == b && (used >> q) & 1u32 == 0u32;
-                if mine && cosine > closest {
-                    closest = cosine;
-                    kin = q;
+        if looks == 0u32 {
+            // Face beats edge beats vertex, then the closer; what lies on or below the plane of an accepted
+            // contact belongs to it.
+            let mut waiting = (1u32 << m) - 1u32;
+            // Counted loops only: the optimiser of CubeCL 0.10 turns nested `while` loops over the bits of one word
+            // into loops that do not end.
+            for _round in 0..m {
+                let mut best = 0u32;
+                let mut best_rank = 3u32;
+                let mut best_far = 0.0f32;
+                for q in 0..m {
+                    let open = (waiting >> q) & 1u32 == 1u32;
+                    let lower = rank[q as usize] < best_rank;
+                    let closer = rank[q as usize] == best_rank && far[q as usize] < best_far;
+                    if open && (lower || closer) {
+                        best = q;
+                        best_rank = rank[q as usize];
+                        best_far = far[q as usize];
+                    }
                 }
-            }
-            let mut sx = 0.0f32;
-            let mut sy = 0.0f32;
-            let mut sz = 0.0f32;
-            let mut slip = 0.0f32;
-            if kin != NONE {
-                used |= 1u32 << kin;
-                if comptime!(s.quads() > 0) {
-                    let h = row_mem[(comptime!(s.row_quads()) * (old + kin) + 1u32) as usize];
-                    sx = h[0];
-                    sy = h[1];
-                    sz = h[2];
-                    slip = h[3];
+                waiting &= !(1u32 << best);
+                let b = bound[best as usize];
+                let bt = (bound0 + b) * boundary::WORDS;
+                let at =
+                    bounds[(bt + boundary::POSE) as usize] + now * bounds[(bt + boundary::STRIDE) as usize];
+                let n = V3 { x: nx[best as usize], y: ny[best as usize], z: nz[best as usize] };
+                let distance = far[best as usize];
+                let mut shadowed = false;
+                for q in 0..m {
+                    let accepted = (kept >> q) & 1u32 == 1u32 && bound[q as usize] == b;
+                    let cosine = nx[q as usize] * n.x + ny[q as usize] * n.y + nz[q as usize] * n.z;
+                    let height = far[q as usize] - distance * cosine;
+                    shadowed = shadowed || (accepted && height <= f32::max(deep[q as usize], 1.0e-6f32 * r));
                 }
-            }
-            // Nobody reads what stands in where there is nothing more.
-            let next = if comptime!(s.quads() > 1) {
-                row_mem[(comptime!(s.row_quads()) * (old + select(kin == NONE, 0u32, kin)) + 2u32) as usize]
-            } else {
-                moving
-            };
-            let last = if comptime!(s.quads() > 2) {
-                row_mem[(comptime!(s.row_quads()) * (old + select(kin == NONE, 0u32, kin)) + 3u32) as usize]
-            } else {
-                moving
-            };
-            let known = if comptime!(s.quads() > 1) { kin != NONE } else { true.runtime() };
-            let delta = deep[best as usize];
-            let x = rounded(from_origin(
-                worlds,
-                c,
-                poses,
-                at,
-                p,
-                image[best as usize],
-                comptime!(s.fused),
-                comptime!(s.orthogonal),
-            ));
-            let arm = plus(x, scaled(n, distance));
-            let u = at + pose::VELOCITY;
-            let turning = V3 {
-                x: float_at(poses, u + 3u32),
-                y: float_at(poses, u + 4u32),
-                z: float_at(poses, u + 5u32),
-            };
-            let moving =
-                V3 { x: float_at(poses, u), y: float_at(poses, u + 1u32), z: float_at(poses, u + 2u32) };
-            let v_b = plus(moving, cross(turning, arm));
-            let partner = bounds[(bt + boundary::MATERIAL) as usize];
-            let curvature = 1.0f32 / r;
-            let f = interact(
-                Meeting {
-                    n,
-                    delta,
-                    r_eff: r,
-                    diameter: 2.0f32 * r,
-                    r_a: r,
-                    r_b: 0.0f32,
-                    arm_a: distance,
-                    arm_b: 0.0f32,
-                    im_a: im,
-                    im_b: 0.0f32,
-                    ii_a: inverse_inertia(im, curvature),
-                    ii_b: 0.0f32,
-                    v_a: v,
-                    v_b,
-                    w_a: w,
-                    w_b: turning,
-                    memory: recalled(
-                        Floats { x: sx, y: sy, z: sz, w: slip, second: next, third: last, known },
+                if !shadowed {
+                    kept |= 1u32 << best;
+                    // What this contact remembers: that of the nearest normal of the step before.
+                    let mut kin = NONE.runtime();
+                    let mut closest = 0.5f32;
+                    for q in 0..old_n {
+                        let before = row_mem[(comptime!(s.row_quads()) * (old + q)) as usize];
+                        let cosine = before[0] * n.x + before[1] * n.y + before[2] * n.z;
+                        let mine = u32::cast_from(before[3]) == b && (used >> q) & 1u32 == 0u32;
+                        if mine && cosine > closest {
+                            closest = cosine;
+                            kin = q;
+                        }
+                    }
+                    let mut sx = 0.0f32;
+                    let mut sy = 0.0f32;
+                    let mut sz = 0.0f32;
+                    let mut slip = 0.0f32;
+                    if kin != NONE {
+                        used |= 1u32 << kin;
+                        if comptime!(s.quads() > 0) {
+                            let h = row_mem[(comptime!(s.row_quads()) * (old + kin) + 1u32) as usize];
+                            sx = h[0];
+                            sy = h[1];
+                            sz = h[2];
+                            slip = h[3];
+                        }
+                    }
+                    // Nobody reads what stands in where there is nothing more.
+                    let next = if comptime!(s.quads() > 1) {
+                        row_mem[(comptime!(s.row_quads()) * (old + select(kin == NONE, 0u32, kin)) + 2u32)
+                            as usize]
+                    } else {
+                        moving
+                    };
+                    let last = if comptime!(s.quads() > 2) {
+                        row_mem[(comptime!(s.row_quads()) * (old + select(kin == NONE, 0u32, kin)) + 3u32)
+                            as usize]
+                    } else {
+                        moving
+                    };
+                    let known = if comptime!(s.quads() > 1) { kin != NONE } else { true.runtime() };
+                    let delta = deep[best as usize];
+                    let x = rounded(from_origin(
+                        worlds,
+                        c,
+                        poses,
+                        at,
+                        p,
+                        image[best as usize],
+                        comptime!(s.fused),
+                        comptime!(s.orthogonal),
+                    ));
+                    let arm = plus(x, scaled(n, distance));
+                    let u = at + pose::VELOCITY;
+                    let turning = V3 {
+                        x: float_at(poses, u + 3u32),
+                        y: float_at(poses, u + 4u32),
+                        z: float_at(poses, u + 5u32),
+                    };
+                    let moving = V3 {
+                        x: float_at(poses, u),
+                        y: float_at(poses, u + 1u32),
+                        z: float_at(poses, u + 2u32),
+                    };
+                    let v_b = plus(moving, cross(turning, arm));
+                    let partner = bounds[(bt + boundary::MATERIAL) as usize];
+                    let curvature = 1.0f32 / r;
+                    let f = interact(
+                        Meeting {
+                            n,
+                            delta,
+                            r_eff: r,
+                            diameter: 2.0f32 * r,
+                            r_a: r,
+                            r_b: 0.0f32,
+                            arm_a: distance,
+                            arm_b: 0.0f32,
+                            im_a: im,
+                            im_b: 0.0f32,
+                            ii_a: inverse_inertia(im, curvature),
+                            ii_b: 0.0f32,
+                            v_a: v,
+                            v_b,
+                            w_a: w,
+                            w_b: turning,
+                            memory: recalled(
+                                Floats { x: sx, y: sy, z: sz, w: slip, second: next, third: last, known },
+                                comptime!(s.laws),
+                            ),
+                        },
+                        pairs,
+                        table + turn[3] * materials + partner,
+                        dt,
                         comptime!(s.laws),
-                    ),
-                },
-                pairs,
-                table + turn[3] * materials + partner,
-                dt,
-                comptime!(s.laws),
-            );
-            fx += f.force.x;
-            fy += f.force.y;
-            fz += f.force.z;
-            tx += f.torque_a.x;
-            ty += f.torque_a.y;
-            tz += f.torque_a.z;
-            worst = f32::max(worst, delta * curvature);
-            if comptime!(s.ledger || purpose == Purpose::Observe) {
-                let around = scaled(cross(n, f.dash), distance);
-                dx += f.dash.x;
-                dy += f.dash.y;
-                dz += f.dash.z;
-                gx += around.x;
-                gy += around.y;
-                gz += around.z;
-                rx += f.roll_a.x;
-                ry += f.roll_a.y;
-                rz += f.roll_a.z;
-                energy_normal += f.energy_normal;
-                energy_tangential += f.energy_tangential;
-                energy_before += f.energy_before;
-                friction_loss += f.friction_loss;
-                dash_power += f.dash_power;
-                roll_power += f.roll_power;
-                work += dot(f.force, v_b) - dot(f.torque_b, turning);
-            }
-            if slots < SLOTS {
-                if comptime!(purpose == Purpose::Step) {
-                    let slot = new + slots;
-                    let at = comptime!(s.row_quads()) * slot;
-                    row_mem[at as usize] = four(n.x, n.y, n.z, f32::cast_from(b));
-                    if comptime!(s.quads() > 0) {
-                        row_mem[(at + 1u32) as usize] = packed(f.memory, comptime!(s.laws), 0usize);
+                    );
+                    fx += f.force.x;
+                    fy += f.force.y;
+                    fz += f.force.z;
+                    tx += f.torque_a.x;
+                    ty += f.torque_a.y;
+                    tz += f.torque_a.z;
+                    worst = f32::max(worst, delta * curvature);
+                    if comptime!(s.ledger || purpose == Purpose::Observe) {
+                        let around = scaled(cross(n, f.dash), distance);
+                        dx += f.dash.x;
+                        dy += f.dash.y;
+                        dz += f.dash.z;
+                        gx += around.x;
+                        gy += around.y;
+                        gz += around.z;
+                        rx += f.roll_a.x;
+                        ry += f.roll_a.y;
+                        rz += f.roll_a.z;
+                        energy_normal += f.energy_normal;
+                        energy_tangential += f.energy_tangential;
+                        energy_before += f.energy_before;
+                        friction_loss += f.friction_loss;
+                        dash_power += f.dash_power;
+                        roll_power += f.roll_power;
+                        work += dot(f.force, v_b) - dot(f.torque_b, turning);
                     }
-                    if comptime!(s.quads() > 1) {
-                        row_mem[(at + 2u32) as usize] = packed(f.memory, comptime!(s.laws), 1usize);
+                    if slots < SLOTS {
+                        if comptime!(purpose == Purpose::Step) {
+                            let slot = new + slots;
+                            let at = comptime!(s.row_quads()) * slot;
+                            row_mem[at as usize] = four(n.x, n.y, n.z, f32::cast_from(b));
+                            if comptime!(s.quads() > 0) {
+                                row_mem[(at + 1u32) as usize] = packed(f.memory, comptime!(s.laws), 0usize);
+                            }
+                            if comptime!(s.quads() > 1) {
+                                row_mem[(at + 2u32) as usize] = packed(f.memory, comptime!(s.laws), 1usize);
+                            }
+                            if comptime!(s.quads() > 2) {
+                                row_mem[(at + 3u32) as usize] = packed(f.memory, comptime!(s.laws), 2usize);
+                            }
+                            let surface = bounds[(bt + boundary::SURFACE) as usize];
+                            let named = select(surface == NONE, 0.0f32, f32::cast_from(surface + 1u32));
+                            let on = scaled(f.force, 0.0f32 - 1.0f32);
+                            let torque = plus(cross(arm, on), f.torque_b);
+                            let out = (row * SLOTS + slots) * 2u32;
+                            push[out as usize] = four(on.x, on.y, on.z, named);
+                            push[(out + 1u32) as usize] = four(torque.x, torque.y, torque.z, 0.0f32);
+                        }
+                    } else {
+                        flags[(stops + flag::HALT) as usize].fetch_max(halt::CONTACTS);
+                        flags[(stops + flag::WHO) as usize].fetch_min(hi_ref[3]);
                     }
-                    if comptime!(s.quads() > 2) {
-                        row_mem[(at + 3u32) as usize] = packed(f.memory, comptime!(s.laws), 2usize);
-                    }
-                    let surface = bounds[(bt + boundary::SURFACE) as usize];
-                    let named = select(surface == NONE, 0.0f32, f32::cast_from(surface + 1u32));
-                    let on = scaled(f.force, 0.0f32 - 1.0f32);
-                    let torque = plus(cross(arm, on), f.torque_b);
-                    let out = (row * SLOTS + slots) * 2u32;
-                    push[out as usize] = four(on.x, on.y, on.z, named);
-                    push[(out + 1u32) as usize] = four(torque.x, torque.y, torque.z, 0.0f32);
+                    slots += 1u32;
                 }
-            } else {
-                flags[(stops + flag::HALT) as usize].fetch_max(halt::CONTACTS);
-                flags[(stops + flag::WHO) as usize].fetch_min(hi_ref[3]);
             }
-            slots += 1u32;
         }
+        looks += 1u32;
     }
     if comptime!(purpose == Purpose::Step) {
         row_count[((1u32 - parity) * row_room + row) as usize] = min(slots, SLOTS);
