@@ -82,9 +82,9 @@ pub fn a_world_alone_equals_itself_in_a_batch(on: &Subject) {
     let (count, steps) = (on.budget.tumblers, on.budget.tumbling);
     let alone = |parts: &[u64]| {
         let mut run = Run::new(on, tumbling(count, 3));
-        parts.iter().for_each(|part| {
+        for part in parts {
             run.steps(*part);
-        });
+        }
         run.state()
     };
     let specs = vec![tumbling(count / 3, 6), tumbling(count, 3), tumbling(7, 5)];

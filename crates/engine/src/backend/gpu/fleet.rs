@@ -393,9 +393,10 @@ impl Places {
     fn get(&self, id: u32) -> Option<usize> {
         // Numbers have few gaps: most particles stand where theirs says.
         let guess = (id as usize).min(self.0.len().saturating_sub(1));
-        let at = match self.0.get(guess)?.0 == id {
-            true => guess,
-            false => self.0.binary_search_by_key(&id, |(id, _)| *id).ok()?,
+        let at = if self.0.get(guess)?.0 == id {
+            guess
+        } else {
+            self.0.binary_search_by_key(&id, |(id, _)| *id).ok()?
         };
         Some(self.0[at].1 as usize)
     }
@@ -624,7 +625,9 @@ impl Group {
         let known = || pairs.iter().zip(&state.contacts).filter(|(pair, _)| !pair.contains(&usize::MAX));
         let mut counts = vec![0_u32; n];
         for (pair, _) in known() {
-            pair.iter().for_each(|&i| counts[i] += 1);
+            for &i in pair {
+                counts[i] += 1;
+            }
         }
         let slices = (region.blocks * BLOCK / SLICE) as usize;
         let mut offsets = vec![region.begins[0]; slices];

@@ -5,10 +5,9 @@ use cubecl::prelude::*;
 use super::compensated::{Two, plus2, sum, tidy};
 use super::layout::{BLOCK, Signature, world};
 
-/// Place of the largest overlap among the sums of an observation; those from here up to [`SPEED`] are no sums but the
-/// largest values.
+/// Place of the largest overlap among the sums of an observation. It is no sum.
 pub const OVERLAP: u32 = 7;
-/// Place of the largest squared speed.
+/// Place of the largest squared speed, no sum either.
 pub const SPEED: u32 = 8;
 
 /// Sums the quantities that blocks have left, `quantities` of each, over the blocks of each world, in a fixed order. One
@@ -40,7 +39,7 @@ pub fn over_blocks(
             near = worlds[(c + world::ROW_ROOM) as usize] / s.shape.near;
             first_near = far + worlds[(c + world::ROWS) as usize] / s.shape.near;
         }
-        let largest = comptime!(!pairs) && q >= OVERLAP && q <= SPEED;
+        let largest = comptime!(!pairs) && (q == OVERLAP || q == SPEED);
         let mut h = 0.0f32;
         let mut l = 0.0f32;
         let mut k = UNIT_POS;
