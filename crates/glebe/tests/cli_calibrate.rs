@@ -6,11 +6,10 @@
 mod cli_common;
 
 use std::fs;
-use std::process::Command;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use cli_common::{Ended, Place};
+use cli_common::{Ended, Place, signal};
 use serde_json::Value;
 
 /// A ball falls on a floor without gravity: the mean force is (1 + e) m v over the time, the standard deviation tells
@@ -202,7 +201,12 @@ fn a_calibration_that_is_killed_or_divided_ends_with_the_same_bytes() {
     };
     let child = place.command(&[&parts[..], &["--threads", "1", "--batches", "3"]].concat()).spawn().unwrap();
     wait_for(20);
-    assert!(Command::new("kill").args(["-KILL", &child.id().to_string()]).status().unwrap().success());
+    // Until then nobody else gets into its folder.
+    signal(&child, "-STOP");
+    for args in [&parts[..], &[&parts[..], &["--resume"]].concat(), &[&parts[..], &["--force"]].concat()] {
+        place.glebe(args).expect(2).says(&["another run is writing", "--out"]);
+    }
+    signal(&child, "-KILL");
     Ended::of(&child.wait_with_output().unwrap()).expect(-1);
     assert!(ended(&place, "parts") < 100, "it was not killed on the way");
     // With a line that was not finished.
@@ -211,7 +215,7 @@ fn a_calibration_that_is_killed_or_divided_ends_with_the_same_bytes() {
     place.write("parts/journal.jsonl", journal);
     let child = place.command(&resume).spawn().unwrap();
     wait_for(50);
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    signal(&child, "-INT");
     let stopped = Ended::of(&child.wait_with_output().unwrap());
     if ended(&place, "parts") < 100 {
         stopped.expect(130).says(&["To go on: glebe calibrate study.toml --out parts --resume"]);

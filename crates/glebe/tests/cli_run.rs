@@ -5,14 +5,13 @@
 mod cli_common;
 
 use std::fs;
-use std::process::{Child, Command};
 use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime};
 
 use glebe::engine::state::State;
 use glebe::io::checkpoint;
 
-use cli_common::{Ended, Place, SCENE, series};
+use cli_common::{Ended, Place, SCENE, series, signal};
 
 /// Waits until the run has written so many rows of its series.
 fn wait_for_rows(place: &Place, out: &str, rows: usize) {
@@ -22,10 +21,6 @@ fn wait_for_rows(place: &Place, out: &str, rows: usize) {
         assert!(started.elapsed() < Duration::from_secs(60), "no rows after a minute");
         sleep(Duration::from_millis(5));
     }
-}
-
-fn signal(child: &Child, name: &str) {
-    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
 }
 
 /// A moment that is another in every run of the test \[ms\].

@@ -6,11 +6,10 @@ mod cli_common;
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::process::Command;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use cli_common::{Ended, Place};
+use cli_common::{Ended, Place, signal};
 use serde_json::Value;
 
 /// Eighty soft grains.
@@ -144,7 +143,12 @@ fn samples_have_their_void_ratios_and_the_same_bits_in_a_batch_alone_and_after_a
         assert!(started.elapsed() < Duration::from_secs(60), "not after a minute");
         sleep(Duration::from_millis(2));
     }
-    assert!(Command::new("kill").args(["-KILL", &child.id().to_string()]).status().unwrap().success());
+    // Until then nobody else gets into its folder.
+    signal(&child, "-STOP");
+    for args in [&parts[..], &[&parts[..], &["--resume"]].concat(), &[&parts[..], &["--force"]].concat()] {
+        place.glebe(args).expect(2).says(&["another run is writing", "--out"]);
+    }
+    signal(&child, "-KILL");
     Ended::of(&child.wait_with_output().unwrap()).expect(-1);
     let tried = journal().matches("Tried").count();
     place.glebe(&[&parts[..], &["--resume", "--batches", "2", "--threads", "1"]].concat()).expect(0);

@@ -5,11 +5,10 @@
 mod cli_common;
 
 use std::fs;
-use std::process::{Child, Command};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use cli_common::{Ended, Place, SCENE};
+use cli_common::{Ended, Place, SCENE, signal};
 use serde_json::Value;
 
 /// Four worlds with two settled beds, which end at different times.
@@ -65,10 +64,6 @@ fn wait_until(what: impl Fn() -> bool) {
         assert!(started.elapsed() < Duration::from_secs(60), "not after a minute");
         sleep(Duration::from_millis(5));
     }
-}
-
-fn signal(child: &Child, name: &str) {
-    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
 }
 
 #[test]

@@ -219,6 +219,7 @@ mod dir {
         touch(&path.join("mine.toml"), "seed = 3\n");
         assert!(matches!(dir.write_scene("mine", "", ""), Err(OutputError::Foreign { .. })));
         touch(&path.join("evaluations.csv"), "");
+        drop(dir);
         OutputDir::create(&path, true).unwrap();
         assert_eq!(files(&path), ["mine.toml"]);
     }

@@ -9,7 +9,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 
 use serde_json::Value;
 use tempfile::TempDir;
@@ -183,4 +183,9 @@ pub fn json(text: &str) -> Value {
 /// Columns of a series, by name.
 pub fn series(out: &Path) -> glebe::io::output::series::Series {
     glebe::io::output::series::Series::read(&out.join("series.csv")).unwrap()
+}
+
+/// Sends a signal, such as `-INT`, to a program that runs.
+pub fn signal(child: &Child, name: &str) {
+    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
 }
