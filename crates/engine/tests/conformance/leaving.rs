@@ -30,7 +30,9 @@ fn pressed(integrator: IntegratorKind) -> WorldSpec {
 }
 
 pub fn leavers_take_their_springs_along(subject: &Subject) {
-    for integrator in IntegratorKind::ALL {
+    // The last one splits its steps; a software device has no time for those between.
+    let ends = [IntegratorKind::Euler, IntegratorKind::VelocityVerlet];
+    for &integrator in if subject.every_law { &IntegratorKind::ALL[..] } else { &ends } {
         let name = integrator.name();
         let mut run = Run::new(subject, pressed(integrator));
         let before = run.moment();

@@ -60,13 +60,11 @@ macro_rules! backend_suite {
                 frames::a_rotation_changes_nothing,
                 frames::a_translation_changes_nothing,
                 frames::a_sheared_cell_changes_nothing,
-                laws::force_is_the_slope_of_energy,
                 floor::many_triangles_meet_at_a_point,
                 floor::concave_corners_act_on_each_side,
                 floor::a_plane_ends_where_it_ends,
                 leaving::leavers_take_their_springs_along,
                 leaving::trimmed_particles_take_their_springs_along,
-                periodic::a_blade_is_felt_however_far_it_goes,
                 periodic::the_ledger_closes_through_seams,
                 round::a_sphere_rests_on_cylinders_and_cones,
                 round::ends_rims_and_seams,
@@ -89,6 +87,7 @@ macro_rules! backend_suite {
             }
             // Many laws, many steps, or kernels of their own, which take long to compile.
             tests! { $subject, $slow;
+                laws::force_is_the_slope_of_energy,
                 laws::a_contact_is_born_without_memory,
                 laws::a_contact_that_turns_keeps_its_force,
                 laws::dissipation_is_not_negative,
@@ -108,6 +107,7 @@ macro_rules! backend_suite {
                 servo::the_servo_reaches_a_stress_and_holds_it,
                 servo::the_servo_reaches_a_shear_stress,
                 servo::lateral_stress_is_held,
+                periodic::a_blade_is_felt_however_far_it_goes,
                 restitution::restitution_equals_e,
                 friction::total_force_stays_below_the_cap,
                 friction::a_block_slides_and_sticks,

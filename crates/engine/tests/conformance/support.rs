@@ -283,17 +283,7 @@ pub fn each_law_for(on: &Subject) -> Vec<ContactModel> {
 }
 
 /// Laws that are tested on every device.
-pub const USUAL: [&str; 9] = [
-    "hertz",
-    "linear",
-    "hertz-stiffness",
-    "mindlin",
-    "none",
-    "constant-torque",
-    "chrono",
-    "gpudem",
-    "constant",
-];
+pub const USUAL: [&str; 6] = ["hertz", "linear", "mindlin", "none", "constant-torque", "constant"];
 
 /// Normal laws whose contacts yield: their energy depends on the way.
 pub const YIELDING: [&str; 2] = ["luding", "eepa"];
