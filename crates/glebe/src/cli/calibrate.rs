@@ -6,9 +6,7 @@ use std::path::Path;
 use glebe_io::study::Calibration;
 use glebe_study::calibrate::{Plan, Summary, run as run_calibration};
 
-use super::bar::{Watch, catch_interrupts, interrupted};
 use super::check::duration;
-use super::run::before_the_start;
 use super::study::{Came, StudyArgs};
 use super::ui::shell_word;
 use super::{Ended, Problem, Ui};
@@ -48,23 +46,13 @@ pub(super) fn plan(path: &Path, sets: &[String], ui: &Ui) -> Result<Plan, Proble
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
-    let args = &args.study;
-    let compute = &args.compute;
-    let ui = &ui.quieted(compute.quiet);
-    catch_interrupts().map_err(Problem::Failed)?;
-    compute.start_threads()?;
-    let device = compute.device.open(0)?;
-    let plan = plan(&args.study, &args.sets, ui)?;
-    let chosen = device.admit(plan.middle())?;
-    chosen.note.iter().for_each(|line| ui.note(line));
-    if interrupted() {
-        return Ok(before_the_start(ui));
-    }
-    let mut watch = Watch::new(ui);
-    let summary = run_calibration(&plan, &args.settings(chosen.backend), &mut watch)?;
-    drop(watch);
-    let came = Came::of(&summary, summary.status, summary.reason.as_deref());
-    args.finish("calibrate", &came.or("no evaluation has a cost", "evaluations.csv"), &told(&summary), ui)
+    let made = |path: &Path, sets: &[String], ui: &Ui| plan(path, sets, ui).map(Some);
+    args.study.run("calibrate", ui, made, Plan::middle, |plan, settings, watch| {
+        let summary = run_calibration(plan, settings, watch)?;
+        let came = Came::of(&summary, summary.status, summary.reason.as_deref())
+            .or("no evaluation has a cost", "evaluations.csv");
+        Ok((came, told(&summary)))
+    })
 }
 
 /// The answer, as tables.

@@ -5,11 +5,9 @@ use std::path::Path;
 
 use glebe_io::study::Study;
 use glebe_study::rve::{Plan, Summary, run as run_rve};
-use glebe_study::sweep::reason;
 
-use super::bar::{Watch, catch_interrupts, interrupted};
-use super::run::before_the_start;
-use super::study::{Came, StudyArgs, counted};
+use super::bar::interrupted;
+use super::study::{Came, StudyArgs, counted, tell_refused};
 use super::{Ended, Problem, Ui};
 
 /// Makes periodic samples, consolidates and loads them together: curves, averages, scatter
@@ -39,37 +37,19 @@ pub(super) fn plan(path: &Path, sets: &[String], ui: &Ui) -> Result<Option<Plan>
     }
     let plan = Plan::new(study, interrupted).map_err(|e| Problem::Input(e.to_string()))?;
     let Some(plan) = plan else { return Ok(None) };
-    let refused = plan.refused();
-    for (w, planned) in plan.samples.iter().enumerate() {
-        if let Err(errors) = &planned.fate {
-            if refused == plan.samples.len() {
-                ui.note("every sample is refused; of the first:");
-                return Err(Problem::Scene(errors.clone()));
-            }
-            ui.warn(&format!("sample {w} is refused: {}", reason(errors)));
-        }
-    }
+    let fates: Vec<_> =
+        plan.samples.iter().map(|planned| planned.fate.as_ref().err().map(Vec::as_slice)).collect();
+    tell_refused("sample", &fates, || "every sample is refused; of the first:".to_owned(), ui)?;
     plan.warnings.iter().for_each(|warning| ui.warn(warning));
     Ok(Some(plan))
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
-    let args = &args.study;
-    let compute = &args.compute;
-    let ui = &ui.quieted(compute.quiet);
-    catch_interrupts().map_err(Problem::Failed)?;
-    compute.start_threads()?;
-    let device = compute.device.open(0)?;
-    let Some(plan) = plan(&args.study, &args.sets, ui)? else { return Ok(before_the_start(ui)) };
-    let chosen = device.admit(plan.first())?;
-    chosen.note.iter().for_each(|line| ui.note(line));
-    if interrupted() {
-        return Ok(before_the_start(ui));
-    }
-    let mut watch = Watch::new(ui);
-    let summary = run_rve(&plan, &args.settings(chosen.backend), &mut watch)?;
-    drop(watch);
-    args.finish("rve", &Came::of(&summary, summary.status, summary.reason.as_deref()), &told(&summary), ui)
+    args.study.run("rve", ui, plan, Plan::first, |plan, settings, watch| {
+        let summary = run_rve(plan, settings, watch)?;
+        let came = Came::of(&summary, summary.status, summary.reason.as_deref());
+        Ok((came, told(&summary)))
+    })
 }
 
 fn told(s: &Summary) -> String {

@@ -1,17 +1,21 @@
 //! What the verbs that run studies have in common.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
+use glebe_engine::Constants;
 use glebe_engine::backend::Backend;
 use glebe_io::output::summary::{Performance, Status};
-use glebe_study::sweep::{Counts, Settings};
+use glebe_io::scene::SceneError;
+use glebe_study::sweep::{Counts, Settings, StudyError, reason};
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use super::bar::{Watch, catch_interrupts, interrupted};
 use super::check::{duration, folder_of};
-use super::run::ComputeArgs;
+use super::run::{ComputeArgs, before_the_start};
 use super::{Ended, Problem, Ui};
 use crate::device::memory;
 use crate::run::default_bed_folder;
@@ -35,18 +39,19 @@ pub(super) struct StudyArgs {
 }
 
 /// What a study came to.
-pub(super) struct Came<'a> {
+pub(super) struct Came {
     summary: Value,
     status: Status,
     /// What happened to the device, if it was lost.
-    reason: Option<&'a str>,
+    reason: Option<String>,
     /// What is said if it failed, and the table that tells why.
     nothing: &'static str,
     table: &'static str,
 }
 
-impl<'a> Came<'a> {
-    pub(super) fn of(summary: &impl Serialize, status: Status, reason: Option<&'a str>) -> Self {
+impl Came {
+    pub(super) fn of(summary: &impl Serialize, status: Status, reason: Option<&str>) -> Self {
+        let reason = reason.map(str::to_owned);
         Self { summary: json!(summary), status, reason, nothing: "no world is done", table: "worlds.csv" }
     }
 
@@ -56,13 +61,62 @@ impl<'a> Came<'a> {
     }
 }
 
+/// Tells of those that are refused, each a `what`; an error if none is left, after what `first` says of the first.
+pub(super) fn tell_refused(
+    what: &str,
+    fates: &[Option<&[SceneError]>],
+    first: impl FnOnce() -> String,
+    ui: &Ui,
+) -> Result<(), Problem> {
+    if let [Some(errors), ..] = fates
+        && fates.iter().all(Option::is_some)
+    {
+        ui.note(&first());
+        return Err(Problem::Scene(errors.to_vec()));
+    }
+    for (w, errors) in fates.iter().enumerate() {
+        if let Some(errors) = errors {
+            ui.warn(&format!("{what} {w} is refused: {}", reason(errors)));
+        }
+    }
+    Ok(())
+}
+
 impl StudyArgs {
+    /// Plans the study, runs it on a device that has room for `worlds` of the plan, and says what came of it. There is no
+    /// plan if the user interrupts it.
+    pub(super) fn run<P>(
+        &self,
+        verb: &str,
+        ui: &Ui,
+        plan: impl FnOnce(&Path, &[String], &Ui) -> Result<Option<P>, Problem>,
+        worlds: impl FnOnce(&P) -> &[Arc<Constants>],
+        run: impl FnOnce(&P, &Settings, &mut Watch<'_>) -> Result<(Came, String), StudyError>,
+    ) -> Result<Ended, Problem> {
+        let compute = &self.compute;
+        let ui = &ui.quieted(compute.quiet);
+        catch_interrupts().map_err(Problem::Failed)?;
+        compute.start_threads()?;
+        // Before worlds are made, which can take minutes; how large they are is seen then.
+        let device = compute.device.open(0)?;
+        let Some(plan) = plan(&self.study, &self.sets, ui)? else { return Ok(before_the_start(ui)) };
+        let chosen = device.admit(worlds(&plan))?;
+        chosen.note.iter().for_each(|line| ui.note(line));
+        if interrupted() {
+            return Ok(before_the_start(ui));
+        }
+        let mut watch = Watch::new(ui);
+        let (came, text) = run(&plan, &self.settings(chosen.backend), &mut watch)?;
+        drop(watch);
+        self.finish(verb, &came, &text, ui)
+    }
+
     fn out(&self) -> PathBuf {
         self.compute.out.clone().unwrap_or_else(|| folder_of(&self.study).join("out"))
     }
 
     /// How the study is to be run on a backend.
-    pub(super) fn settings(&self, backend: Backend) -> Settings {
+    fn settings(&self, backend: Backend) -> Settings {
         Settings {
             backend,
             existing: self.compute.existing(),
@@ -77,7 +131,7 @@ impl StudyArgs {
     }
 
     /// Says what came of it; `text` is what people read if it is done.
-    pub(super) fn finish(&self, verb: &str, came: &Came<'_>, text: &str, ui: &Ui) -> Result<Ended, Problem> {
+    fn finish(&self, verb: &str, came: &Came, text: &str, ui: &Ui) -> Result<Ended, Problem> {
         let out = self.out();
         let mut value = came.summary.clone();
         value["out"] = json!(out);
@@ -88,7 +142,7 @@ impl StudyArgs {
             ui.note(&format!("interrupted; what has ended is kept. To go on: {resume}"));
             return Ok(Ended::Interrupted);
         }
-        if let Some(reason) = came.reason {
+        if let Some(reason) = &came.reason {
             return Err(Problem::Failed(format!("{reason}\nWhat has ended is kept. To go on: {resume}")));
         }
         if came.status == Status::Failed {

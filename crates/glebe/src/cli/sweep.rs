@@ -4,11 +4,10 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use glebe_io::study::Study;
-use glebe_study::sweep::{Plan, Summary, reason, run as run_sweep};
+use glebe_study::sweep::{Plan, Summary, run as run_sweep};
 
-use super::bar::{Watch, catch_interrupts, interrupted};
-use super::run::before_the_start;
-use super::study::{Came, StudyArgs, counted};
+use super::bar::interrupted;
+use super::study::{Came, StudyArgs, counted, tell_refused};
 use super::{Ended, Problem, Ui};
 
 /// Runs many variants of a scene together and writes a table, plots and fits into a folder
@@ -37,41 +36,21 @@ pub(super) fn plan(path: &Path, sets: &[String], ui: &Ui) -> Result<Option<Plan>
     }
     let plan = Plan::new(study, interrupted).map_err(|e| Problem::Input(e.to_string()))?;
     let Some(plan) = plan else { return Ok(None) };
-    let refused = plan.refused();
-    for (w, planned) in plan.worlds.iter().enumerate() {
-        if let Err(errors) = &planned.fate {
-            if refused == plan.worlds.len() {
-                ui.note(&format!(
-                    "every world is refused; of the first ({}):",
-                    planned.world.sets.join(", ")
-                ));
-                return Err(Problem::Scene(errors.clone()));
-            }
-            ui.warn(&format!("world {w} is refused: {}", reason(errors)));
-        }
-    }
+    let fates: Vec<_> =
+        plan.worlds.iter().map(|planned| planned.fate.as_ref().err().map(Vec::as_slice)).collect();
+    let first =
+        || format!("every world is refused; of the first ({}):", plan.worlds[0].world.sets.join(", "));
+    tell_refused("world", &fates, first, ui)?;
     plan.warnings.iter().for_each(|warning| ui.warn(warning));
     Ok(Some(plan))
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
-    let args = &args.study;
-    let compute = &args.compute;
-    let ui = &ui.quieted(compute.quiet);
-    catch_interrupts().map_err(Problem::Failed)?;
-    compute.start_threads()?;
-    // Before worlds are made, which can take minutes; how large they are is seen then.
-    let device = compute.device.open(0)?;
-    let Some(plan) = plan(&args.study, &args.sets, ui)? else { return Ok(before_the_start(ui)) };
-    let chosen = device.admit(plan.first())?;
-    chosen.note.iter().for_each(|line| ui.note(line));
-    if interrupted() {
-        return Ok(before_the_start(ui));
-    }
-    let mut watch = Watch::new(ui);
-    let summary = run_sweep(&plan, &args.settings(chosen.backend), &mut watch)?;
-    drop(watch);
-    args.finish("sweep", &Came::of(&summary, summary.status, summary.reason.as_deref()), &told(&summary), ui)
+    args.study.run("sweep", ui, plan, Plan::first, |plan, settings, watch| {
+        let summary = run_sweep(plan, settings, watch)?;
+        let came = Came::of(&summary, summary.status, summary.reason.as_deref());
+        Ok((came, told(&summary)))
+    })
 }
 
 fn told(s: &Summary) -> String {
