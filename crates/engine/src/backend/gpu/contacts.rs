@@ -701,7 +701,7 @@ pub fn contacts_of(
                 UNIT_POS >= width,
                 lane,
                 row,
-                block - padded / owners,
+                k * (row_room / near_owners) + block - padded / owners,
                 names,
                 worlds[(c + world::SURFACES) as usize],
                 row_room,

@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 
 use bytemuck::Pod;
 use cubecl::prelude::*;
-use cubecl::server::Handle;
+use cubecl::server::{Binding, Handle};
 
 use super::fault::{Fault, guarded, plain};
 use super::layout::BLOCK;
@@ -27,6 +27,18 @@ impl Buffer {
         unsafe {
             ArrayArg::from_raw_parts(self.handle.clone(), self.len)
         }
+    }
+    /// As a kernel's argument of which CubeCL is not told more.
+    pub fn binding(&self) -> Binding {
+        self.handle.clone().binding()
+    }
+    /// Elements that the allocation holds.
+    pub fn held(&self) -> u64 {
+        self.handle.size_in_used() / self.size as u64
+    }
+    /// Words of an element.
+    pub fn lanes(&self) -> usize {
+        self.size / size_of::<u32>()
     }
     /// Bytes held.
     pub fn bytes(&self) -> usize {

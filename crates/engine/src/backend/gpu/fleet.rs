@@ -9,6 +9,7 @@ use glebe_physics::IntegratorKind;
 
 use super::device::{Buffer, Device, MOST_BLOCKS, QUAD, Told, grid};
 use super::fault::Fault;
+use super::launch::{Arguments, settings};
 use super::layout::{
     BLOCK, FACET_WORDS, INNER, LOOK, MERGED, NONE, PAIR_QUADS, PARTNER, PERIOD, REFER, RELIST, SECOND,
     SIGHTS, SLICE, SLOTS, SUMS, Shape, Signature, TOUCHING, boundary, flag, halt, inner, pose, status, world,
@@ -34,6 +35,8 @@ const ATTENDED: u64 = 16;
 
 /// Worlds from which on their lists end at all times.
 const CROWD: usize = 4;
+/// Bytes that the forces of blocks on surfaces may take in all steps of a group.
+const PUSHED: usize = 64 << 20;
 
 /// Worlds on a device.
 pub struct GpuFleet<R: Runtime> {
@@ -61,6 +64,8 @@ struct Group {
     series_at: Vec<usize>,
     /// Launches of steps between two looks at lists.
     launches: u32,
+    /// Most launches of a group: forces on surfaces are kept for so many.
+    held: u32,
     /// Most surfaces of a world whose forces are kept.
     names: u32,
     /// Whether a surface is present in the stretch under way.
@@ -484,6 +489,8 @@ impl Group {
         let n = padded as usize;
         let names = worlds.iter().map(|(c, _)| c.spec.surfaces.len()).max().unwrap_or(0);
         let [entries, row_room, facet_room] = begins.map(|x| x as usize);
+        let pushed = row_room / signature.rows_of_block() * names;
+        let held = (PUSHED / (2 * QUAD * pushed).max(1)).clamp(1, PERIOD as usize) as u32;
         let b = Buffers {
             world_of: device.upload(&[per(&|r| r.blocks), per(&|r| r.rooms.rows / BLOCK)].concat()),
             world_of_cell: device.upload(&per(&|r| r.cell_room / BLOCK)),
@@ -510,10 +517,7 @@ impl Group {
             facets: device.zeros(2 * FACET_WORDS as usize * facet_room, 4),
             row_count: device.zeros(2 * row_room, 4),
             row_mem: device.zeros(2 * signature.row_quads() as usize * row_room * SLOTS as usize, QUAD),
-            push: device.zeros(
-                2 * (row_room * SLOTS as usize + row_room.div_ceil(signature.rows_of_block()) * names),
-                QUAD,
-            ),
+            push: device.zeros(2 * (row_room * SLOTS as usize + held as usize * pushed), QUAD),
             row_sums: device
                 .zeros(if signature.merged { 1 } else { (row_room + 1) * step::ROW_QUADS as usize }, QUAD),
             sums: device.zeros(1, 4),
@@ -546,6 +550,7 @@ impl Group {
             bound_rows: meshes.rows,
             series_at: vec![0; worlds.len()],
             launches: PERIOD,
+            held,
             names: names as u32,
             follows: false,
             b,
@@ -907,10 +912,13 @@ impl Group {
             let age = jobs.iter().map(|(w, _)| self.state_word(*w, status::SINCE)).max().unwrap_or(0);
             let mut next = self.launches.min(PERIOD.saturating_sub(age).max(1));
             while left_over > 0 {
-                let k = next.min(left_over);
+                let k = next.min(left_over).min(self.held);
                 next = self.launches;
                 for launch in 0..k {
                     self.step(device, launch);
+                }
+                if self.follows {
+                    self.collect(device, k);
                 }
                 self.begin(device, k);
                 left_over = left_over.saturating_sub(k);
@@ -1155,27 +1163,31 @@ impl Group {
             }
         }
         self.launch_step(device, k, Purpose::Step, &b.sums);
-        if self.follows {
-            // SAFETY: as above.
-            #[allow(unsafe_code)]
-            unsafe {
-                step::collect::launch_unchecked::<R>(
-                    device.client(),
-                    grid(self.worlds.len()),
-                    CubeDim::new_1d(BLOCK),
-                    k,
-                    self.rooms[1],
-                    self.names,
-                    b.worlds.arg(),
-                    b.states.arg(),
-                    b.flags.arg(),
-                    b.bounds.arg(),
-                    b.poses.arg(),
-                    b.push.arg(),
-                    b.series.arg(),
-                    self.signature.rows_of_block() as u32,
-                );
-            }
+    }
+
+    /// Sums the forces on surfaces of the steps of a group.
+    fn collect<R: Runtime>(&self, device: &Device<R>, launches: u32) {
+        let b = &self.b;
+        let span = self.signature.rows_of_block() as u32;
+        // SAFETY: the kernel stays within the worlds and the launches that `push` was laid out for.
+        #[allow(unsafe_code)]
+        unsafe {
+            step::collect::launch_unchecked::<R>(
+                device.client(),
+                grid(self.worlds.len() * launches as usize),
+                CubeDim::new_1d(BLOCK),
+                launches,
+                self.worlds.len() as u32,
+                self.rooms[1] / span,
+                self.rooms[1],
+                self.names,
+                b.worlds.arg(),
+                b.states.arg(),
+                b.flags.arg(),
+                b.push.arg(),
+                b.series.arg(),
+                span,
+            );
         }
     }
 
@@ -1223,10 +1235,7 @@ impl Group {
                     purpose,
                 );
             }
-            step::step::launch_unchecked::<R>(
-                device.client(),
-                grid(self.blocks()),
-                CubeDim::new_1d(self.signature.shape.units),
+            let mut a = Arguments::of(&[
                 k,
                 self.blocks() as u32,
                 self.padded,
@@ -1234,33 +1243,51 @@ impl Group {
                 self.rooms[1],
                 self.rooms[2],
                 self.names,
-                b.world_of.arg(),
-                b.worlds.arg(),
-                b.states.arg(),
-                b.flags.arg(),
-                b.pairs.arg(),
-                b.place.arg(),
-                b.vel.arg(),
-                b.spin.arg(),
-                b.own.arg(),
-                b.refs.arg(),
-                b.slow.arg(),
-                b.lists.arg(),
-                b.nbr.arg(),
-                b.hist.arg(),
-                b.bounds.arg(),
-                b.poses.arg(),
-                b.tris.arg(),
-                b.verts.arg(),
-                b.rows.arg(),
-                b.facets.arg(),
-                b.row_count.arg(),
-                b.row_mem.arg(),
-                b.push.arg(),
-                b.row_sums.arg(),
-                sums.arg(),
+            ]);
+            let kernel = step::step::Step::<R>::new(
+                settings(self.signature.shape.units),
+                device.client().clone(),
+                (),
+                (),
+                (),
+                (),
+                (),
+                (),
+                (),
+                a.buffer(&b.world_of),
+                a.buffer(&b.worlds),
+                a.buffer(&b.states),
+                a.buffer(&b.flags),
+                a.buffer(&b.pairs),
+                a.buffer(&b.place),
+                a.buffer(&b.vel),
+                a.buffer(&b.spin),
+                a.buffer(&b.own),
+                a.buffer(&b.refs),
+                a.buffer(&b.slow),
+                a.buffer(&b.lists),
+                a.buffer(&b.nbr),
+                a.buffer(&b.hist),
+                a.buffer(&b.bounds),
+                a.buffer(&b.poses),
+                a.buffer(&b.tris),
+                a.buffer(&b.verts),
+                a.buffer(&b.rows),
+                a.buffer(&b.facets),
+                a.buffer(&b.row_count),
+                a.buffer(&b.row_mem),
+                a.buffer(&b.push),
+                a.buffer(&b.row_sums),
+                a.buffer(sums),
                 self.signature,
                 purpose,
+            );
+            a.launch_unchecked::<R, _>(
+                device.client(),
+                grid(self.blocks()),
+                kernel,
+                self.signature.shape.units,
+                self.signature.beside(),
             );
         }
     }

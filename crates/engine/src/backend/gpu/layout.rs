@@ -86,6 +86,12 @@ impl Signature {
         self.surfaces && self.merged
     }
 
+    /// Blocks of a step that should run side by side on a processor, 0 for as many as there is room for. Where surfaces ride
+    /// along, fewer registers would be too few.
+    pub fn beside(&self) -> u32 {
+        if self.merged { 0 } else { 24 }
+    }
+
     /// Blocks of a step over `padded` particles and `rows` of those near surfaces, which come last.
     pub fn blocks(&self, padded: usize, rows: usize) -> usize {
         let near = if self.near_blocks() { rows / self.shape.near as usize } else { 0 };

@@ -17,6 +17,7 @@ mod fault;
 #[cfg(test)]
 mod faults;
 mod fleet;
+mod launch;
 mod layout;
 mod lists;
 mod pair;

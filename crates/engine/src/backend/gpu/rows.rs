@@ -27,7 +27,7 @@ fn gap2(lo: F4, hi: F4, x: V3) -> f32 {
 }
 
 /// What single precision blurs of a distance, as a share of its components.
-const ROUGH: f32 = 2.0e-6;
+pub const ROUGH: f32 = 2.0e-6;
 
 /// Whether a plane or the box around a mesh is within `reach` of a place, given from the origin of its pose.
 // Variables of a kernel begin with a value, read or not.

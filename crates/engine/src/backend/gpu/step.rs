@@ -405,7 +405,7 @@ pub fn surfaces(
                 true,
                 UNIT_POS,
                 select(in_use, row, NONE),
-                u32::cast_from(CUBE_POS),
+                k * (row_room / BLOCK) + u32::cast_from(CUBE_POS),
                 names,
                 worlds[(c + world::SURFACES) as usize],
                 row_room,
@@ -913,8 +913,13 @@ pub fn step(
             if u32::reinterpret(worst) > flags[(f + flag::WORST) as usize].load() {
                 flags[(f + flag::WORST) as usize].fetch_max(u32::reinterpret(worst));
             }
-            if block * comptime!(s.shape.owners) + UNIT_POS == first {
-                flags[(f + flag::BEATS) as usize].fetch_add(1u32);
+            if block * comptime!(s.shape.owners) == first {
+                if UNIT_POS == 0u32 {
+                    flags[(f + flag::BEATS) as usize].fetch_add(1u32);
+                }
+                if comptime!(s.surfaces) {
+                    outrun(c, st, f, k, t, worlds, states, flags, bounds, poses, s.shape.units);
+                }
             }
         }
         if comptime!(s.ledger && purpose == Purpose::Step) {
@@ -938,7 +943,7 @@ pub fn step(
 }
 
 /// Sums what the particles of a block do to each surface whose forces are kept, and leaves it behind the rows of
-/// `push`, as block `nb`. `lane` counts the units that have a row, or could have.
+/// `push`, as block `nb` of all launches of the group. `lane` counts the units that have a row, or could have.
 #[cube]
 pub fn shared_push(
     table: &mut SharedMemory<f32>,
@@ -1013,24 +1018,63 @@ pub fn shared_push(
     }
 }
 
-/// Sums the forces on surfaces of the step just launched, in a fixed order, and finds surfaces that have
-/// moved out of reach of the lists. One block per world.
-#[cube(launch_unchecked)]
-pub fn collect(
+/// Finds surfaces that have moved out of reach of the lists by the end of step `t`, launch `k` of its group: all units of
+/// a block look.
+#[cube]
+fn outrun(
+    c: u32,
+    st: u32,
+    f: u32,
     k: u32,
-    row_room: u32,
-    names: u32,
+    t: u32,
     worlds: &Array<u32>,
     states: &Array<u32>,
     flags: &mut Array<Atomic<u32>>,
     bounds: &Array<u32>,
     poses: &Array<u32>,
+    #[comptime] units: u32,
+) {
+    let rebuilt = states[(st + status::REBUILT) as usize];
+    let known = rebuilt != NONE;
+    let skin = float_at(states, st + status::SKIN);
+    let mut b = UNIT_POS;
+    while b < worlds[(c + world::BOUNDARY_COUNT) as usize] {
+        let bt = (worlds[(c + world::BOUNDARIES) as usize] + b) * boundary::WORDS;
+        let stride = bounds[(bt + boundary::STRIDE) as usize];
+        let pose0 = bounds[(bt + boundary::POSE) as usize];
+        if poses[(pose0 + pose::PRESENT) as usize] == 1u32 {
+            let at = pose0 + pose::PATH;
+            // Without a rebuild in this job paths count from the last one before it.
+            let since = select(known, poses[(at + select(known, rebuilt, 0u32) * stride) as usize], 0u32);
+            let moved = gone(since, poses[(at + (t + 1u32) * stride) as usize]);
+            if moved * float_at(worlds, c + world::RADIUS_MEAN) > 0.5f32 * skin {
+                flags[(f + flag::STALE) as usize].fetch_min(k);
+            }
+        }
+        b += units;
+    }
+}
+
+/// Sums the forces on surfaces of each step of a group of `launches`, in a fixed order. One block per step and world.
+#[cube(launch_unchecked)]
+pub fn collect(
+    launches: u32,
+    worlds_in_all: u32,
+    blocks: u32,
+    row_room: u32,
+    names: u32,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    flags: &Array<Atomic<u32>>,
     push: &Array<F4>,
     series: &mut Array<f32>,
     #[comptime] span: u32,
 ) {
-    let w = u32::cast_from(CUBE_POS);
-    if active(states, flags, w, k) {
+    let k = u32::cast_from(CUBE_POS) / worlds_in_all;
+    let w = u32::cast_from(CUBE_POS) % worlds_in_all;
+    // Launches that did nothing left nothing.
+    let ran = k < launches && active(states, flags, w, min(k, launches - 1u32));
+    if ran {
         let c = w * world::WORDS;
         let st = w * status::WORDS;
         let surfaces = worlds[(c + world::SURFACES) as usize];
@@ -1046,7 +1090,7 @@ pub fn collect(
             }
             let mut block = UNIT_POS;
             while block * span < rows {
-                let at = 2u32 * (row_room * SLOTS + (first / span + block) * names + s);
+                let at = 2u32 * (row_room * SLOTS + (k * blocks + first / span + block) * names + s);
                 let f = push[at as usize];
                 let m = push[(at + 1u32) as usize];
                 #[unroll]
@@ -1085,25 +1129,6 @@ pub fn collect(
                 series[at as usize] = shared[(UNIT_POS * BLOCK) as usize];
             }
             sync_cube();
-        }
-        let mut b = UNIT_POS;
-        while b < worlds[(c + world::BOUNDARY_COUNT) as usize] {
-            let bt = (worlds[(c + world::BOUNDARIES) as usize] + b) * boundary::WORDS;
-            let stride = bounds[(bt + boundary::STRIDE) as usize];
-            let pose0 = bounds[(bt + boundary::POSE) as usize];
-            if poses[(pose0 + pose::PRESENT) as usize] == 1u32 {
-                let at = pose0 + pose::PATH;
-                // Without a rebuild in this job paths count from the last one before it.
-                let rebuilt = states[(st + status::REBUILT) as usize];
-                let known = rebuilt != NONE;
-                let since = select(known, poses[(at + select(known, rebuilt, 0u32) * stride) as usize], 0u32);
-                let moved = gone(since, poses[(at + (t + 1u32) * stride) as usize]);
-                let skin = float_at(states, st + status::SKIN);
-                if moved * float_at(worlds, c + world::RADIUS_MEAN) > 0.5f32 * skin {
-                    flags[(w * flag::WORDS + flag::STALE) as usize].fetch_min(k);
-                }
-            }
-            b += BLOCK;
         }
     }
 }

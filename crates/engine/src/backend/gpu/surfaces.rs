@@ -18,7 +18,11 @@ use super::layout::{
 use super::pair::{Meeting, interact, inverse_inertia};
 use super::recall::{Floats, packed, recalled};
 use super::round::round_facing;
+use super::rows::ROUGH;
 use super::step::{Purpose, Sums, bits3, first3, four, quad, turned};
+
+/// Facets of which it is told together whether they are close: as many as a word has bits.
+const CHUNK: u32 = 32;
 
 /// Metres per unit: entry `k` of the matrix by rows, of the world whose table begins at `c`.
 #[cube]
@@ -76,6 +80,24 @@ pub fn unwrapped(hi_ref: u32, lo_ref: u32, lo: u32) -> u32 {
     let up = moved > 0i32 && lo < lo_ref;
     let down = moved < 0i32 && lo > lo_ref;
     hi_ref + select(up, 1u32, select(down, NONE, 0u32))
+}
+
+/// Where the particle at `me` of the columns of a step and `mine` of those of a rebuild is.
+#[cube]
+fn spot(place: &Array<U4>, own: &Array<U4>, refs: &Array<U4>, me: usize, mine: u32) -> Spot {
+    let here = place[me];
+    let lo = refs[(2u32 * mine) as usize];
+    let hi = refs[(2u32 * mine + 1u32) as usize];
+    Spot {
+        hi: quad(
+            unwrapped(hi[0], lo[0], here[0]),
+            unwrapped(hi[1], lo[1], here[1]),
+            unwrapped(hi[2], lo[2], here[2]),
+            0u32,
+        ),
+        lo: here,
+        rest: own[(2u32 * mine + 1u32) as usize],
+    }
 }
 
 /// Units from the origin of a pose to a place, along one axis.
@@ -394,22 +416,8 @@ pub fn surfaces_of(
     let now = if comptime!(split) { t + 1u32 } else { t };
     let mine = which * padded + i;
     let me = (parity * padded + i) as usize;
-    let (here, moving, turn) = (place[me], vel[me], spin[me]);
-    let rest = own[(2u32 * mine + 1u32) as usize];
-    let (v, w) = (first3(moving), bits3(turn));
-    let (im, r) = (moving[3], f32::reinterpret(here[3]));
-    let lo_ref = refs[(2u32 * mine) as usize];
-    let hi_ref = refs[(2u32 * mine + 1u32) as usize];
-    let p = Spot {
-        hi: quad(
-            unwrapped(hi_ref[0], lo_ref[0], here[0]),
-            unwrapped(hi_ref[1], lo_ref[1], here[1]),
-            unwrapped(hi_ref[2], lo_ref[2], here[2]),
-            0u32,
-        ),
-        lo: here,
-        rest,
-    };
+    // What is needed seldom is loaded where it is, so that it takes no registers in between.
+    let r = f32::reinterpret(place[me][3]);
     let table_row = 2u32 * padded + 3u32 * (which * row_room + row);
     let first = which * facet_room + rows[table_row as usize];
     let entries = rows[(table_row + 1u32) as usize];
@@ -452,31 +460,100 @@ pub fn surfaces_of(
 
     let mut bound = Array::<u32>::new(comptime!(TOUCHED as usize));
     let mut m = 0u32;
-    // Facets of a boundary stand together: where the particle is, in the frame that it wants, is found once.
-    let mut of = NONE.runtime();
-    let mut through = NONE.runtime();
-    let mut xh = 0.0f32;
-    let mut xl = 0.0f32;
-    let mut yh = 0.0f32;
-    let mut yl = 0.0f32;
-    let mut zh = 0.0f32;
-    let mut zl = 0.0f32;
     // Of more facets than there is room for, as around a point where many triangles meet, the first in the order below are
     // held. The others come after those, so that they change nothing if they belong to a contact that was accepted, which
     // a second look tells.
     let mut used = 0u32;
     let mut kept = 0u32;
+    // The same in single precision; `reach` leaves room for what that blurs.
+    let height = c + world::HEIGHT;
+    let windows =
+        float_at(worlds, height) + float_at(worlds, height + 1u32) + float_at(worlds, height + 2u32);
+    let reach = 1.001f32 * (r + range) + ROUGH * windows;
     let mut wanted: u32 = 1u32;
     let mut looks: u32 = 0u32;
     while looks < wanted {
-        for e in 0..entries {
-            let facet = FACET_WORDS * (first + e);
-            let triangle = facets[facet as usize];
-            let b = facets[(facet + 1u32) as usize];
-            let seen = facets[(facet + 2u32) as usize];
-            let bt = (bound0 + b) * boundary::WORDS;
-            let at = bounds[(bt + boundary::POSE) as usize] + now * bounds[(bt + boundary::STRIDE) as usize];
-            if poses[(at + pose::PRESENT) as usize] == 1u32 {
+        let mut done: u32 = 0u32;
+        while done < entries {
+            // Units of a warp that look closely wait for each other: which facets are worth it is told beforehand.
+            let mut close = 0u32;
+            let mut rough_of = NONE.runtime();
+            let mut rough_through = NONE.runtime();
+            let mut rough_x = 0.0f32;
+            let mut rough_y = 0.0f32;
+            let mut rough_z = 0.0f32;
+            let mut open = 0.0f32;
+            let mut there = false;
+            let mut rounds = false;
+            let mut triangles = 0u32;
+            let mut vertices = 0u32;
+            for q in 0..min(entries - done, CHUNK) {
+                let facet = FACET_WORDS * (first + done + q);
+                let triangle = facets[facet as usize];
+                let b = facets[(facet + 1u32) as usize];
+                let seen = facets[(facet + 2u32) as usize];
+                if b != rough_of || seen != rough_through {
+                    rough_of = b;
+                    rough_through = seen;
+                    let bt = (bound0 + b) * boundary::WORDS;
+                    let at = bounds[(bt + boundary::POSE) as usize]
+                        + now * bounds[(bt + boundary::STRIDE) as usize];
+                    there = poses[(at + pose::PRESENT) as usize] == 1u32;
+                    triangles = bounds[(bt + boundary::TRIANGLES) as usize];
+                    vertices = bounds[(bt + boundary::VERTICES) as usize];
+                    let p = spot(place, own, refs, me, mine);
+                    let x = roughly(worlds, c, poses, at, p, seen, comptime!(s.orthogonal));
+                    open = reach + ROUGH * (f32::abs(x.x) + f32::abs(x.y) + f32::abs(x.z));
+                    let body = roughly_into_body(poses, at, x);
+                    rough_x = body.x;
+                    rough_y = body.y;
+                    rough_z = body.z;
+                    if triangles == NONE {
+                        let n = at + pose::NORMAL;
+                        rough_x = float_at(poses, n) * x.x
+                            + float_at(poses, n + 1u32) * x.y
+                            + float_at(poses, n + 2u32) * x.z;
+                    }
+                    if comptime!(s.rounds) {
+                        rounds = bounds[(bt + boundary::PARTS) as usize] > 0u32;
+                    }
+                }
+                let mut near = there;
+                if there && !rounds {
+                    if triangles == NONE {
+                        near = f32::abs(rough_x) <= open;
+                    } else {
+                        let corners = tris[(triangles + triangle) as usize];
+                        near = at_hand(
+                            verts,
+                            corners,
+                            vertices,
+                            V3 { x: rough_x, y: rough_y, z: rough_z },
+                            open,
+                        );
+                    }
+                }
+                close |= select(near, 1u32 << q, 0u32);
+            }
+            // Facets of a boundary stand together: where the particle is, in the frame that it wants, is found once.
+            let mut of = NONE.runtime();
+            let mut through = NONE.runtime();
+            let mut xh = 0.0f32;
+            let mut xl = 0.0f32;
+            let mut yh = 0.0f32;
+            let mut yl = 0.0f32;
+            let mut zh = 0.0f32;
+            let mut zl = 0.0f32;
+            for _look in 0..close.count_ones() {
+                let e = done + close.find_first_set() - 1u32;
+                close &= close - 1u32;
+                let facet = FACET_WORDS * (first + e);
+                let triangle = facets[facet as usize];
+                let b = facets[(facet + 1u32) as usize];
+                let seen = facets[(facet + 2u32) as usize];
+                let bt = (bound0 + b) * boundary::WORDS;
+                let at =
+                    bounds[(bt + boundary::POSE) as usize] + now * bounds[(bt + boundary::STRIDE) as usize];
                 let triangles = bounds[(bt + boundary::TRIANGLES) as usize];
                 let mut ux = 0.0f32;
                 let mut uy = 0.0f32;
@@ -492,6 +569,7 @@ pub fn surfaces_of(
                 if b != of || seen != through {
                     of = b;
                     through = seen;
+                    let p = spot(place, own, refs, me, mine);
                     let x = from_origin(
                         worlds,
                         c,
@@ -539,16 +617,14 @@ pub fn surfaces_of(
                 } else {
                     let vertices = bounds[(bt + boundary::VERTICES) as usize];
                     let corners = tris[(triangles + triangle) as usize];
-                    if at_hand(verts, corners, vertices, rounded(spot), r + range) {
-                        let f = facing(verts, corners, vertices, spot, r, range, comptime!(s.fused));
-                        let n = into_world(poses, at, f.gap.n);
-                        ux = n.x;
-                        uy = n.y;
-                        uz = n.z;
-                        size = f.gap.distance;
-                        delta = f.gap.delta;
-                        order = f.rank;
-                    }
+                    let f = facing(verts, corners, vertices, spot, r, range, comptime!(s.fused));
+                    let n = into_world(poses, at, f.gap.n);
+                    ux = n.x;
+                    uy = n.y;
+                    uz = n.z;
+                    size = f.gap.distance;
+                    delta = f.gap.delta;
+                    order = f.rank;
                 }
                 if delta > 0.0f32 - range {
                     if looks == 1u32 {
@@ -562,7 +638,8 @@ pub fn surfaces_of(
                         }
                         if !shadowed {
                             flags[(stops + flag::HALT) as usize].fetch_max(halt::CONTACTS);
-                            flags[(stops + flag::WHO) as usize].fetch_min(hi_ref[3]);
+                            flags[(stops + flag::WHO) as usize]
+                                .fetch_min(refs[(2u32 * mine + 1u32) as usize][3]);
                         }
                     } else {
                         let mut to = m;
@@ -596,6 +673,7 @@ pub fn surfaces_of(
                     }
                 }
             }
+            done += CHUNK;
         }
         if looks == 0u32 {
             // Face beats edge beats vertex, then the closer; what lies on or below the plane of an accepted
@@ -633,6 +711,7 @@ pub fn surfaces_of(
                 }
                 if !shadowed {
                     kept |= 1u32 << best;
+                    let (moving, turn) = (vel[me], spin[me]);
                     // What this contact remembers: that of the nearest normal of the step before.
                     let mut kin = NONE.runtime();
                     let mut closest = 0.5f32;
@@ -674,6 +753,7 @@ pub fn surfaces_of(
                     };
                     let known = if comptime!(s.quads() > 1) { kin != NONE } else { true.runtime() };
                     let delta = deep[best as usize];
+                    let p = spot(place, own, refs, me, mine);
                     let x = rounded(from_origin(
                         worlds,
                         c,
@@ -691,12 +771,12 @@ pub fn surfaces_of(
                         y: float_at(poses, u + 4u32),
                         z: float_at(poses, u + 5u32),
                     };
-                    let moving = V3 {
+                    let drift = V3 {
                         x: float_at(poses, u),
                         y: float_at(poses, u + 1u32),
                         z: float_at(poses, u + 2u32),
                     };
-                    let v_b = plus(moving, cross(turning, arm));
+                    let v_b = plus(drift, cross(turning, arm));
                     let partner = bounds[(bt + boundary::MATERIAL) as usize];
                     let curvature = 1.0f32 / r;
                     let f = interact(
@@ -709,13 +789,13 @@ pub fn surfaces_of(
                             r_b: 0.0f32,
                             arm_a: distance,
                             arm_b: 0.0f32,
-                            im_a: im,
+                            im_a: moving[3],
                             im_b: 0.0f32,
-                            ii_a: inverse_inertia(im, curvature),
+                            ii_a: inverse_inertia(moving[3], curvature),
                             ii_b: 0.0f32,
-                            v_a: v,
+                            v_a: first3(moving),
                             v_b,
-                            w_a: w,
+                            w_a: bits3(turn),
                             w_b: turning,
                             memory: recalled(
                                 Floats { x: sx, y: sy, z: sz, w: slip, second: next, third: last, known },
@@ -777,7 +857,7 @@ pub fn surfaces_of(
                         }
                     } else {
                         flags[(stops + flag::HALT) as usize].fetch_max(halt::CONTACTS);
-                        flags[(stops + flag::WHO) as usize].fetch_min(hi_ref[3]);
+                        flags[(stops + flag::WHO) as usize].fetch_min(refs[(2u32 * mine + 1u32) as usize][3]);
                     }
                     slots += 1u32;
                 }
@@ -788,7 +868,7 @@ pub fn surfaces_of(
     if comptime!(purpose == Purpose::Step) {
         row_count[((1u32 - parity) * row_room + row) as usize] = min(slots, SLOTS);
         if worst > float_at(worlds, c + world::OVERLAP) {
-            too_deep(world, k, hi_ref[3], flags);
+            too_deep(world, k, refs[(2u32 * mine + 1u32) as usize][3], flags);
         }
     }
     Sums {
