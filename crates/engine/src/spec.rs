@@ -50,6 +50,9 @@ pub struct WorldSpec {
     pub stages: Vec<Stage>,
     /// How often the world is observed.
     pub sampling: Sampling,
+    /// Whether the world is one of many that run together: a GPU then takes kernels that are slower for a world alone and
+    /// faster for many. They round otherwise, so this belongs to the world, which has the same bits wherever it runs.
+    pub throughput: bool,
 }
 
 impl WorldSpec {
@@ -72,6 +75,7 @@ impl WorldSpec {
             surfaces: Vec::new(),
             stages: Vec::new(),
             sampling: Sampling::default(),
+            throughput: false,
         }
     }
 }

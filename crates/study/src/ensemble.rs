@@ -155,11 +155,17 @@ pub(crate) struct Made {
 /// The world of a scene file, whose text is known, with arguments of `--set`.
 pub(crate) fn make(file: &Path, text: &str, sets: &[String]) -> Result<Made, Vec<SceneError>> {
     let scene = Scene::parse(&file.display().to_string(), text, sets)?;
-    let built = scene.build(file.parent().unwrap_or(Path::new("")))?;
+    let mut built = scene.build(file.parent().unwrap_or(Path::new("")))?;
+    built.world.throughput = throughput(&scene);
     let (constants, state) = prepare(built.world.clone()).map_err(|e| vec![built.locate(&e)])?;
     let scene_hash = scene_hash(&constants, &state);
     let warnings = built.warnings.iter().map(ToString::to_string).chain(constants.warnings.clone()).collect();
     Ok(Made { constants, state, scene_hash, warnings })
+}
+
+/// Worlds of studies are many, unless their scene says otherwise.
+pub(crate) fn throughput(scene: &Scene) -> bool {
+    scene.throughput.unwrap_or(true)
 }
 
 /// Why a world cannot be set up, in a line.

@@ -89,14 +89,25 @@ pub fn one_step_forces_equal_the_reference(on: &Subject) {
 }
 
 /// Blocks of a device are shaped by the number of particles: a few to a block, one to a unit, surfaces together with
-/// pairs and apart. Pressed hard, a block has more contacts than it has room for at a time.
+/// pairs and apart, as in worlds of which there are many. Pressed hard, a block has more contacts than it has room for at
+/// a time.
 pub fn crowds_step_as_on_the_cpu(on: &Subject) {
     let contact = ContactModel { rolling: LawChoice::named("constant-torque"), ..ContactModel::default() };
-    for (copies, part) in [(3, PRESSED), (43, PRESSED), (43, 0.94), (330, PRESSED)] {
-        let mut run = Run::new(on, pressed(contact.clone(), copies, part));
+    let beds =
+        [(3, PRESSED, false), (43, PRESSED, false), (43, 0.94, false), (43, PRESSED, true), (3, 0.94, true)];
+    for (copies, part, throughput) in beds {
+        let mut bed = pressed(contact.clone(), copies, part);
+        bed.throughput = throughput;
+        let mut run = Run::new(on, bed);
         run.steps(3);
         let mut other = Run::resume(&CPU, run.c.clone(), run.state());
-        one_step_agrees(on, &format!("{copies} copies pressed to {part}"), copies, &mut run, &mut other);
+        one_step_agrees(
+            on,
+            &format!("{copies} copies pressed to {part}, throughput {throughput}"),
+            copies,
+            &mut run,
+            &mut other,
+        );
     }
 }
 

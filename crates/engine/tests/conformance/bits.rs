@@ -78,8 +78,21 @@ pub fn threads_change_no_bit(on: &Subject) {
     assert_eq!(one, hash(7), "seven threads");
 }
 
+/// Worlds of which there are many take kernels of their own, alone and in a batch.
 pub fn a_world_alone_equals_itself_in_a_batch(on: &Subject) {
+    alone_as_in_a_batch(on, false);
+    if on.every_law {
+        alone_as_in_a_batch(on, true);
+    }
+}
+
+fn alone_as_in_a_batch(on: &Subject, throughput: bool) {
     let (count, steps) = (on.budget.tumblers, on.budget.tumbling);
+    let tumbling = |count, seed| {
+        let mut w = tumbling(count, seed);
+        w.throughput = throughput;
+        w
+    };
     let alone = |parts: &[u64]| {
         let mut run = Run::new(on, tumbling(count, 3));
         for part in parts {

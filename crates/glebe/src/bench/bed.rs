@@ -210,9 +210,14 @@ impl Bed {
         Ok(world)
     }
 
-    /// Constants of the prepared bed's world, with friction less by the share `smoother`. They depend on radii and not
-    /// on places, which are the state's.
-    pub fn constants(&self, steps: u64, ledger: bool, smoother: f64) -> Result<Arc<Constants>, BenchError> {
+    /// Constants of the prepared bed's world, and with friction less by the share `among` if it is one of many. They depend
+    /// on radii and not on places, which are the state's.
+    pub fn constants(
+        &self,
+        steps: u64,
+        ledger: bool,
+        among: Option<f64>,
+    ) -> Result<Arc<Constants>, BenchError> {
         let radii = self.radii()?;
         let inside = match self.mode {
             Mode::Settled => [0.5 * Self::width(&radii); 3],
@@ -223,7 +228,8 @@ impl Bed {
             }
         };
         let mut world = self.world(&radii, |_| inside, steps, ledger)?;
-        world.materials[0].friction *= 1.0 - smoother;
+        world.materials[0].friction *= 1.0 - among.unwrap_or(0.0);
+        world.throughput = among.is_some();
         Ok(prepare(world)?.0)
     }
 
@@ -269,7 +275,7 @@ impl Bed {
     /// Writes the prepared bed as `<bed>-<mode>-<particles>.csv`: a row of place \[m\], radius \[m\] and velocity
     /// \[m/s\] per particle, in the order of their numbers.
     pub fn write(&self, prepared: &Prepared, folder: &Path) -> Result<(), BenchError> {
-        let constants = self.constants(1, false, 0.0)?;
+        let constants = self.constants(1, false, None)?;
         let particles = &prepared.state.particles;
         let mut rows: Vec<_> = positions(&constants, &prepared.state)
             .into_iter()

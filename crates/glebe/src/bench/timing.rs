@@ -116,10 +116,11 @@ impl Row {
     /// Times the bed once more, from the same state as ever. Worlds of a batch differ in friction, so that each goes its
     /// own way.
     pub fn time(&mut self, prepared: &Prepared, ledger: bool, backend: Backend) -> Result<(), BenchError> {
-        let smoother = |world: usize| SMOOTHER * world as f64 / self.worlds as f64;
+        let many = self.worlds > 1;
+        let among = |world: usize| many.then(|| SMOOTHER * world as f64 / self.worlds as f64);
         let constants: Vec<_> = (0..self.worlds)
             .into_par_iter()
-            .map(|world| self.bed.constants(self.steps, ledger, smoother(world)))
+            .map(|world| self.bed.constants(self.steps, ledger, among(world)))
             .collect::<Result<_, _>>()?;
         admit(backend, &constants)?;
         let began = Instant::now();

@@ -106,6 +106,7 @@ impl Scene {
         let mut world = WorldSpec::new(self.domain(), self.time);
         world.title.clone_from(&self.title);
         world.seed = self.seed;
+        world.throughput = self.throughput.unwrap_or(false);
         world.materials =
             self.materials.iter().cloned().map(|m| Material { density: weight(m.density), ..m }).collect();
         world.mixing = self.mixing;

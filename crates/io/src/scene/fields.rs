@@ -61,6 +61,13 @@ pub(crate) static SCENE: TableSpec = TableSpec {
         Field::new("title", Kind::Text, "Name for output and messages.").or("\"\""),
         Field::new("gravity", Kind::Vector(Dimension::ACCELERATION), "Gravity [m/s²].").or("[0, 0, -9.81]"),
         Field::new("seed", Kind::Integer, "Seed of everything random.").or("1").at_least(0.0),
+        Field::new(
+            "throughput",
+            Kind::Bool,
+            "Whether a GPU takes the kernels that are fastest for many worlds at once. They round otherwise: a world of a \
+             study that is run alone needs them for the same bits.",
+        )
+        .optional("false, in studies true"),
         Field::new("domain", Kind::Table(&DOMAIN), "The box that the particles are in."),
         Field::new("time", Kind::Table(&TIME_TABLE), "Step, integrator and guard.").or("{}"),
         Field::new("material", Kind::Named(Names::New, &MATERIAL), "Materials by name; `steel` is built in.")

@@ -27,6 +27,8 @@ pub struct Scene {
     pub title: String,
     /// Seed of everything random.
     pub seed: u64,
+    /// Whether a GPU takes the kernels for many worlds, if the scene says so.
+    pub throughput: Option<bool>,
     /// Gravity \[m/s²\].
     pub gravity: Vec3,
     /// The box that the particles are in.
@@ -266,6 +268,7 @@ pub(crate) fn scene(file: &Record, checker: &mut Checker) -> Scene {
     let mut scene = Scene {
         title: file.text("title"),
         seed: file.integer("seed"),
+        throughput: file.has("throughput").then(|| file.flag("throughput")),
         gravity: file.vector("gravity"),
         domain: domain(&file.table_or_empty("domain"), checker),
         time,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use glebe_io::output::{Cell, OutputDir, file_word, summary, write_atomic, write_table};
-use glebe_io::scene::rewritten;
+use glebe_io::scene::{Scene, rewritten};
 use glebe_io::study::{CALIBRATION_COLUMNS, Statistic, Value};
 use glebe_report::{Axis, Plot, Series, Style};
 use serde::Serialize;
@@ -427,7 +427,12 @@ impl Calibrator<'_> {
         let mut all = BTreeMap::new();
         for experiment in &self.plan.calibration.experiments {
             let from = experiment.scene.parent().unwrap_or(Path::new(""));
-            let sets = best.set.get(&experiment.name).cloned().unwrap_or_default();
+            let mut sets = best.set.get(&experiment.name).cloned().unwrap_or_default();
+            let said = Scene::parse("", &experiment.scene_text, &sets).is_ok_and(|s| s.throughput.is_some());
+            if !said {
+                // As in the study, so that it has the same bits.
+                sets.push("throughput=true".to_owned());
+            }
             let Some(text) = rewritten(&experiment.scene_text, &sets, from, dir.path()) else { continue };
             let name = match experiment.name.as_str() {
                 "" => "best".to_owned(),

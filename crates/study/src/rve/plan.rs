@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::program::{loading, preparing};
 use crate::digest::{Digest, scene_hash};
 use crate::drive::steps_left;
-use crate::ensemble::{reason, told_once};
+use crate::ensemble::{reason, throughput, told_once};
 use crate::sample::{self, TooManyDimensions, World};
 
 /// A study of periodic samples, each of which was made once, to see that it can be.
@@ -165,7 +165,8 @@ fn cast(study: &Study, variant: &World, nth: u64) -> Result<Cast, Vec<SceneError
         sets.push(format!("seed={}", scene.seed.wrapping_add(nth)));
         scene = Scene::parse(&name, &study.scene_text, &sets)?;
     }
-    let built = scene.build(study.scene.parent().unwrap_or(Path::new("")))?;
+    let mut built = scene.build(study.scene.parent().unwrap_or(Path::new("")))?;
+    built.world.throughput = throughput(&scene);
     let wrong = |what: String| Err(vec![built.locate(&SetupError::Invalid(what))]);
     let Some(rve) = rve else {
         return wrong("the study says nothing of periodic samples; write [consolidate] into it".to_owned());

@@ -87,9 +87,9 @@ impl Signature {
     }
 
     /// Blocks of a step that should run side by side on a processor, 0 for as many as there is room for. Where surfaces ride
-    /// along, fewer registers would be too few.
+    /// along, fewer registers would be too few; where there are more units than blocks to fill a device, none are saved.
     pub fn beside(&self) -> u32 {
-        if self.merged { 0 } else { 24 }
+        if self.near_blocks() || self.shape != Shape::LARGE { 0 } else { 24 }
     }
 
     /// Blocks of a step over `padded` particles and `rows` of those near surfaces, which come last.
@@ -121,13 +121,16 @@ pub struct Shape {
 }
 
 impl Shape {
+    /// The shape where there are more particles than a device has units.
+    pub const LARGE: Self = Self { owners: SLICE, units: SLICE, near: SLICE / 2 };
+
     /// The shape for a world: small blocks, so that none waits long for another, and more units than particles where
     /// those are too few to fill a device. Blocks near surfaces own fewer particles, since theirs is the longest chain.
     pub fn of(count: usize) -> Self {
         match count {
             1025..=16_384 => Self { owners: SLICE, units: 2 * SLICE, near: SLICE / 2 },
             16_385..=MERGED => Self { owners: 2 * SLICE, units: 2 * SLICE, near: SLICE },
-            _ => Self { owners: SLICE, units: SLICE, near: SLICE / 2 },
+            _ => Self::LARGE,
         }
     }
 }
