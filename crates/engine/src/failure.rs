@@ -11,6 +11,16 @@ pub enum SetupError {
     /// A law refused its parameters or materials.
     #[error(transparent)]
     Law(#[from] glebe_physics::LawError),
+    /// A law of a pair of materials refused.
+    #[error("in the pair `{name}`: {why}")]
+    PairLaw {
+        /// Index in the specification's pairs.
+        pair: usize,
+        /// The two materials.
+        name: String,
+        /// What is wrong.
+        why: glebe_physics::LawError,
+    },
     /// A periodic axis is too short for the particles.
     #[error(
         "the periodic axis {axis} is {height:.4e} m high, less than two cut-off distances of {cutoff:.4e} m; \

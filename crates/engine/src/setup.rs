@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glebe_physics as physics;
-use glebe_physics::{Impact, Laws, PairCoefficients, PairOverride, PairProperties};
+use glebe_physics::{Impact, Laws, Layout, PairCoefficients, PairLaws, PairOverride, PairProperties};
 
 use crate::cell::{self, Cell};
 use crate::failure::SetupError;
@@ -104,8 +104,8 @@ pub struct StepLimits {
 pub struct Constants {
     /// The specification, particles emptied into the state.
     pub spec: WorldSpec,
-    /// Its laws.
-    pub laws: Laws,
+    /// Where the floats that contacts remember stand.
+    pub layout: Layout,
     /// Sign of each remembered float when two bodies change roles.
     pub history: Vec<f32>,
     /// Time step \[s\].
@@ -197,16 +197,11 @@ impl Constants {
 
 /// Checks and prepares a world.
 pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupError> {
-    let laws = Laws::resolve(&spec.contact)?;
+    // Also where every pair has laws of its own.
+    Laws::resolve(&spec.contact)?;
     check_materials(&spec)?;
     check_particles(&spec)?;
     check_references(&spec)?;
-    if laws.history().len() > MEMORY {
-        return Err(SetupError::Invalid(format!(
-            "these laws remember {} numbers per contact; backends hold {MEMORY}",
-            laws.history().len()
-        )));
-    }
     let set = std::mem::take(&mut spec.particles);
     let count = set.len();
     let (mut radius_min, mut radius_max, mut radius_sum) = (f64::INFINITY, 0.0_f64, 0.0);
@@ -223,8 +218,16 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
     let mut pairs = Vec::with_capacity(materials * materials);
     for a in 0..materials {
         for b in 0..materials {
-            pairs.push(laws.prepare(&spec.contact, &properties(&spec, a, b), radius_max)?);
+            pairs.push(of_pair(&spec, a, b, radius_max)?);
         }
+    }
+    let laws: Vec<Laws> = pairs.iter().map(|p| p.laws).collect();
+    let layout = Layout::of(&laws);
+    if layout.floats() > MEMORY {
+        return Err(SetupError::Invalid(format!(
+            "these laws remember {} numbers per contact; backends hold {MEMORY}",
+            layout.floats()
+        )));
     }
     let range = pairs.iter().map(|p| p.range).fold(0.0, f64::max);
     let cutoff = 2.0 * radius_max + range + SKIN_MAX * radius_mean;
@@ -232,13 +235,13 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
     let lattice = Lattice::new(&spec.domain, cutoff, window)
         .map_err(|(axis, height)| SetupError::PeriodicTooShort { axis: AXES[axis], height, cutoff })?;
     let boundaries = boundaries(&spec)?;
-    let limits = step_limits(&spec, &set, laws, &pairs);
+    let limits = step_limits(&spec, &set, &pairs);
     let mut warnings = Vec::new();
     let dt = time_step(&spec, limits, &mut warnings)?;
     let mut constants = Constants {
         spec,
-        history: laws.history().into_iter().map(|s| s as f32).collect(),
-        laws,
+        history: Layout::signs(&laws).into_iter().map(|s| s as f32).collect(),
+        layout,
         dt,
         limits,
         lattice,
@@ -317,17 +320,20 @@ fn particles(c: &Constants, set: &ParticleSet) -> Result<Particles, SetupError> 
     Ok(particles)
 }
 
-/// The properties of a pair of materials, with the overrides that the specification has for it.
-fn properties(spec: &WorldSpec, a: usize, b: usize) -> PairProperties {
-    let mut over = PairOverride::default();
-    for (p, q, o) in &spec.pairs {
-        if (*p, *q) == (a, b) || (*p, *q) == (b, a) {
-            over = o.clone();
-        }
-    }
+/// The coefficients of a pair of materials, with the overrides that the specification has for it.
+fn of_pair(spec: &WorldSpec, a: usize, b: usize, radius: f64) -> Result<PairCoefficients, SetupError> {
+    let given = spec.pairs.iter().rposition(|(p, q, _)| (*p, *q) == (a, b) || (*p, *q) == (b, a));
+    let over = given.map_or_else(PairOverride::default, |k| spec.pairs[k].2.clone());
     // Sorted, so that both orders give the same bits.
-    let (lo, hi) = (a.min(b), a.max(b));
-    PairProperties::new(&spec.materials[lo], &spec.materials[hi], &spec.mixing, spec.shear_modulus, &over)
+    let (one, other) = (&spec.materials[a.min(b)], &spec.materials[a.max(b)]);
+    let properties = PairProperties::new(one, other, &spec.mixing, spec.shear_modulus, &over);
+    let model = spec.contact.of_pair(&over.laws);
+    let laws = Laws::resolve(&model);
+    let prepared = laws.and_then(|laws| laws.prepare(&model, &properties, radius));
+    prepared.map_err(|why| match given.filter(|_| over.laws != PairLaws::default()) {
+        Some(pair) => SetupError::PairLaw { pair, name: format!("{}-{}", one.name, other.name), why },
+        None => SetupError::Law(why),
+    })
 }
 
 fn check_materials(spec: &WorldSpec) -> Result<(), SetupError> {
@@ -667,7 +673,7 @@ fn boundaries(spec: &WorldSpec) -> Result<Vec<Boundary>, SetupError> {
 
 /// Stable-step estimates over the smallest particle of each material against every other and
 /// every boundary material.
-fn step_limits(spec: &WorldSpec, set: &ParticleSet, laws: Laws, pairs: &[PairCoefficients]) -> StepLimits {
+fn step_limits(spec: &WorldSpec, set: &ParticleSet, pairs: &[PairCoefficients]) -> StepLimits {
     let n = spec.materials.len();
     let mut smallest = vec![f64::INFINITY; n];
     for (&r, &m) in set.radius.iter().zip(&set.material) {
@@ -678,10 +684,11 @@ fn step_limits(spec: &WorldSpec, set: &ParticleSet, laws: Laws, pairs: &[PairCoe
     let speed = speed_estimate(spec, set);
     let mass = |m: usize| 4.0 / 3.0 * std::f64::consts::PI * smallest[m].powi(3) * spec.materials[m].density;
     for a in (0..n).filter(|&m| smallest[m].is_finite()) {
-        if laws.normal.from_material() {
-            rayleigh = rayleigh.min(physics::rayleigh_time(smallest[a], &spec.materials[a]));
-        }
         for b in 0..n {
+            let pair = &pairs[a * n + b];
+            if pair.laws.normal.from_material() {
+                rayleigh = rayleigh.min(physics::rayleigh_time(smallest[a], &spec.materials[a]));
+            }
             let wall = Impact { m_eff: mass(a), r_eff: smallest[a], diameter: 2.0 * smallest[a] };
             let mut impacts = vec![wall];
             if smallest[b].is_finite() {
@@ -690,7 +697,7 @@ fn step_limits(spec: &WorldSpec, set: &ParticleSet, laws: Laws, pairs: &[PairCoe
                 impacts.push(Impact { m_eff, r_eff, diameter: 4.0 * r_eff });
             }
             for i in impacts {
-                collision = collision.min(laws.normal.collision_time(&pairs[a * n + b].normal, &i, speed));
+                collision = collision.min(pair.laws.normal.collision_time(&pair.normal, &i, speed));
             }
         }
     }

@@ -134,6 +134,28 @@ const MISTAKES: &[(&str, &str, &str, &str, &str)] = &[
     ),
     ("\"sweep.fx\"", "\"swep.fx\"", "undefined", "no surface is called `swep`", "did you mean `sweep`?"),
     ("move.sweep", "move.swepe", "undefined", "no surface is called `swepe`", "did you mean `sweep`?"),
+    (
+        "[pair.soil-steel]",
+        "[pair.soil-soil.contact]\nnormal = \"herz\"\n[pair.soil-steel]",
+        "unknown-word",
+        "`herz` is not a law for `pair.soil-soil.contact.normal`",
+        "did you mean `hertz`?",
+    ),
+    (
+        "[pair.soil-steel]",
+        "[pair.soil-soil]\ncontact.cohesion = \"jkr\"\n[pair.soil-steel]",
+        "missing",
+        "the law `jkr` needs its parameter `work_of_adhesion`",
+        "energy w to part a unit of area; times the cohesion of the pair Write a table \
+         [pair.soil-soil.contact.cohesion.jkr] with",
+    ),
+    (
+        "[pair.soil-steel]",
+        "[pair.soil-soil.contact]\nnormel = \"hertz\"\n[pair.soil-steel]",
+        "unknown-key",
+        "`pair.soil-soil.contact` has no key `normel`",
+        "did you mean `normal`?",
+    ),
     // Numbers and units.
     (
         "count = 38912",

@@ -10,7 +10,7 @@ use glebe_engine::generate::SizeDistribution;
 use glebe_engine::spec::{Component, Drive, Rotation, Side, Step, Window};
 use glebe_io::scene::{GeometryShape, Origin, Scene, SceneError, schema};
 use glebe_io::tool::{Sweep, Tool};
-use glebe_physics::{ContactEnd, History, IntegratorKind, LawChoice, MixingRule, ShearModulusRule};
+use glebe_physics::{ContactEnd, History, IntegratorKind, LawChoice, MixingRule, PairLaws, ShearModulusRule};
 use scene_common::{EXAMPLE, edited, good};
 use serde_json::Value as Json;
 
@@ -89,6 +89,9 @@ const EVERYTHING: &str = r#"
     [pair."hard-steel-sand"]
     rolling_friction = 0.1
     cohesion = 0.5
+    [pair."sand-sand".contact]
+    rolling = "epsd"
+    cohesion = { jkr = { work_of_adhesion = "50 mJ/m^2" } }
     [contact]
     end = "no-tension"
     history = "unbounded"
@@ -153,6 +156,11 @@ fn every_key_arrives() {
         (scene.pairs[0].values.rolling_friction, scene.pairs[0].values.cohesion),
         (Some(0.1), Some(0.5))
     );
+    assert_eq!(scene.pairs[0].values.laws, PairLaws::default());
+    let jkr = LawChoice::named("jkr").with("work_of_adhesion", 0.05);
+    let laws =
+        PairLaws { rolling: Some(LawChoice::named("epsd")), cohesion: Some(jkr), ..PairLaws::default() };
+    assert_eq!(scene.pairs[1].values.laws, laws);
     assert_eq!(scene.contact.normal, LawChoice::named("linear").with("stiffness", 1e5));
     assert_eq!((scene.contact.end, scene.contact.history), (ContactEnd::NoTension, History::Unbounded));
     assert_eq!(scene.local_damping, 0.2);

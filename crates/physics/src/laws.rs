@@ -62,6 +62,8 @@ pub struct Laws {
 /// The coefficients of one pair of materials, before rounding to a device's precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PairCoefficients {
+    /// The laws.
+    pub laws: Laws,
     /// Of the normal law.
     pub normal: [f64; 4],
     /// Of the tangential law.
@@ -93,24 +95,15 @@ impl Laws {
         })
     }
 
-    /// What is remembered per contact: for each float the sign that it takes when the two bodies change roles.
-    pub fn history(&self) -> Vec<f64> {
-        self.remembering().concat()
-    }
-
-    /// Where the floats that the law of a slot remembers stand among those of a contact.
-    pub fn place(&self, slot: Slot) -> Range<usize> {
-        let lengths = self.remembering().map(<[f64]>::len);
-        // The tangential spring comes first: of most worlds it is all that is remembered.
-        let rank =
-            [Slot::Tangential, Slot::Rolling, Slot::Normal, Slot::Cohesion].iter().position(|s| *s == slot);
-        let rank = rank.unwrap_or_default();
-        let begin = lengths[..rank].iter().sum();
-        begin..begin + lengths[rank]
-    }
-
-    fn remembering(self) -> [&'static [f64]; 4] {
-        [self.tangential.history(), self.rolling.history(), self.normal.history(), self.cohesion.history()]
+    /// What the law of a slot remembers per contact: for each float the sign that it takes when the two bodies change
+    /// roles.
+    fn remembers(self, slot: Slot) -> &'static [f64] {
+        match slot {
+            Slot::Normal => self.normal.history(),
+            Slot::Tangential => self.tangential.history(),
+            Slot::Rolling => self.rolling.history(),
+            Slot::Cohesion => self.cohesion.history(),
+        }
     }
 
     /// The coefficients of a pair of materials among bodies of radii up to `radius` \[m\].
@@ -142,6 +135,7 @@ impl Laws {
         let rolling = self.rolling.prepare(&of(model, pair, self.rolling.info(), &model.rolling))?;
         let cohesion = self.cohesion.prepare(&of(model, pair, self.cohesion.info(), &model.cohesion))?;
         Ok(PairCoefficients {
+            laws: *self,
             normal,
             tangential,
             rolling,
@@ -153,6 +147,45 @@ impl Laws {
             range: self.cohesion.range(&cohesion, radius),
         })
     }
+}
+
+/// Where the floats of each slot stand among those that a contact remembers. All contacts of a world have as many, also
+/// those of materials whose laws remember less.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Layout {
+    lengths: [usize; Self::ORDER.len()],
+}
+
+impl Layout {
+    /// The tangential spring comes first: of most worlds it is all that is remembered.
+    const ORDER: [Slot; 4] = [Slot::Tangential, Slot::Rolling, Slot::Normal, Slot::Cohesion];
+
+    /// For contacts of any of these laws.
+    pub fn of(laws: &[Laws]) -> Self {
+        Self { lengths: Self::ORDER.map(|slot| longest(laws, slot).len()) }
+    }
+
+    /// The floats of a slot.
+    pub fn place(&self, slot: Slot) -> Range<usize> {
+        let rank = Self::ORDER.iter().position(|s| *s == slot).unwrap_or_default();
+        let begin = self.lengths[..rank].iter().sum();
+        begin..begin + self.lengths[rank]
+    }
+
+    /// How many there are.
+    pub fn floats(&self) -> usize {
+        self.lengths.iter().sum()
+    }
+
+    /// For each float the sign that it takes when the two bodies change roles.
+    pub fn signs(laws: &[Laws]) -> Vec<f64> {
+        Self::ORDER.map(|slot| longest(laws, slot)).concat()
+    }
+}
+
+/// The longest history of a slot. What shorter ones remember has the same signs (`tests/laws.rs`).
+fn longest(laws: &[Laws], slot: Slot) -> &'static [f64] {
+    laws.iter().map(|l| l.remembers(slot)).max_by_key(|history| history.len()).unwrap_or_default()
 }
 
 /// The index of the chosen law in its slot, its parameters checked.

@@ -122,6 +122,8 @@ pub struct PairOverride {
     pub rolling_friction: Option<f64>,
     /// Strength of cohesion as a share of what the law says.
     pub cohesion: Option<f64>,
+    /// Contact laws.
+    pub laws: crate::PairLaws,
 }
 
 /// The properties of one pair of materials that contact laws take their coefficients from.

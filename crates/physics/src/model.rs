@@ -31,6 +31,35 @@ impl Default for ContactModel {
     }
 }
 
+/// Laws that a pair of materials sets itself; slots left out have the world's.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct PairLaws {
+    /// Law of the normal force.
+    pub normal: Option<LawChoice>,
+    /// Law of the tangential force.
+    pub tangential: Option<LawChoice>,
+    /// Law of the rolling torque.
+    pub rolling: Option<LawChoice>,
+    /// Law of cohesion.
+    pub cohesion: Option<LawChoice>,
+}
+
+impl ContactModel {
+    /// The choice of a pair of materials that sets some of the laws itself.
+    pub fn of_pair(&self, own: &PairLaws) -> Self {
+        let or = |own: &Option<LawChoice>, world: &LawChoice| own.as_ref().unwrap_or(world).clone();
+        Self {
+            normal: or(&own.normal, &self.normal),
+            tangential: or(&own.tangential, &self.tangential),
+            rolling: or(&own.rolling, &self.rolling),
+            cohesion: or(&own.cohesion, &self.cohesion),
+            end: self.end,
+            history: self.history,
+        }
+    }
+}
+
 /// A law and the parameters given to it; those left out take their defaults.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -10,9 +10,10 @@ use glebe_physics::kernel64::contact::{Coefficients, Memory, Touch, nothing, pre
 use glebe_physics::kernel64::normal::{Normal, NormalForce, NormalLaw, Visitor as OfNormal};
 use glebe_physics::kernel64::powers::cube_root;
 use glebe_physics::kernel64::rolling::{Roll, Rolling, RollingLaw, Torques, Visitor as OfRolling};
+use glebe_physics::kernel64::tangential::TangentialLaw;
 use glebe_physics::kernel64::vector::v3;
 use glebe_physics::{
-    ContactModel, LawChoice, Laws, Material, Mixing, PairCoefficients, PairOverride, PairProperties,
+    ContactModel, LawChoice, Laws, Layout, Material, Mixing, PairCoefficients, PairOverride, PairProperties,
     ShearModulusRule, Slot,
 };
 
@@ -169,12 +170,18 @@ fn floats_of_the_slots_follow_each_other() {
         ..with_cohesion(LawChoice::named("jkr").with("work_of_adhesion", 0.05))
     };
     let laws = Laws::resolve(&model).unwrap();
-    let places = [Slot::Tangential, Slot::Rolling, Slot::Normal, Slot::Cohesion].map(|s| laws.place(s));
+    let layout = Layout::of(&[laws]);
+    let places = [Slot::Tangential, Slot::Rolling, Slot::Normal, Slot::Cohesion].map(|s| layout.place(s));
     assert_eq!(places, [0..4, 4..8, 8..9, 9..10]);
-    assert_eq!(laws.history().len(), 10);
-    let laws = Laws::resolve(&ContactModel { tangential: LawChoice::named("none"), ..model }).unwrap();
-    assert_eq!(laws.place(Slot::Rolling), 0..4);
-    assert_eq!(laws.place(Slot::Tangential), 0..0);
+    assert_eq!(layout.floats(), 10);
+    assert_eq!(Layout::signs(&[laws]).len(), 10);
+    let other = Laws::resolve(&ContactModel { tangential: LawChoice::named("none"), ..model }).unwrap();
+    assert_eq!(Layout::of(&[other]).place(Slot::Rolling), 0..4);
+    assert_eq!(Layout::of(&[other]).place(Slot::Tangential), 0..0);
+    // Of pairs with different laws each slot has room for the longest.
+    let plain = Laws::resolve(&ContactModel::default()).unwrap();
+    assert_eq!(Layout::of(&[plain, other]), layout);
+    assert_eq!(Layout::signs(&[plain, other]), Layout::signs(&[laws]));
 }
 
 /// DMT's pull-off force is 2π w R*, in touch and not beyond.
@@ -446,4 +453,21 @@ fn moments_have_limits() {
     let (t, _) = turned("moment-rotation", [0.0; 3], 1, m);
     near(t.on_i.z, alpha * RADIUS * load, 1e-9);
     assert_eq!(t.lost, 0.0);
+}
+
+/// Contacts of a world share places for what laws of a slot remember, whichever the laws of their materials are.
+#[test]
+fn what_laws_of_a_slot_remember_has_the_same_signs() {
+    let histories: [Vec<&[f64]>; 4] = [
+        NormalLaw::ALL.iter().map(|l| l.history()).collect(),
+        TangentialLaw::ALL.iter().map(|l| l.history()).collect(),
+        RollingLaw::ALL.iter().map(|l| l.history()).collect(),
+        CohesionLaw::ALL.iter().map(|l| l.history()).collect(),
+    ];
+    for slot in histories {
+        let longest = slot.iter().max_by_key(|h| h.len()).unwrap();
+        for history in &slot {
+            assert!(longest.starts_with(history), "{history:?} beside {longest:?}");
+        }
+    }
 }

@@ -72,7 +72,12 @@ fn index() -> String {
                     pair: `pair.soil-steel.cohesion = 0` takes cohesion and adhesion from contacts of soil and\nsteel, \
                     any other factor makes them stronger or weaker. Energy that yielding contacts, adhesion and bridges \
                     take stands in\nthe row `friction` of the energy ledger, that of slipping rolling springs in \
-                    `rolling`.\n"
+                    `rolling`.\n\nA pair of materials may also have laws of its own. Slots that it leaves out have \
+                    the law of `[contact]`, and so have all other\npairs:\n\n```toml\n[contact]\nnormal = \"hertz\"\n\n\
+                    [pair.soil-soil.contact]\nnormal = { eepa = { plasticity = 0.6, adhesion = 0.3 } }\nrolling = \
+                    \"epsd\"\n```\n\nThe CPU takes any number of laws. On a device a world has at most two laws in \
+                    each slot; `glebe check --device` says so\nwhere there are more. What all pairs remember together \
+                    has to fit into 12 numbers per contact.\n"
         .to_owned();
     for slot in Slot::ALL {
         write!(text, "\n## {}\n\n| law | |\n|---|---|\n", slot.name()).unwrap();

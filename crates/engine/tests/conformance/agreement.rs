@@ -5,7 +5,9 @@ use std::sync::OnceLock;
 use glebe_engine::generate::{FillRequest, Region, generate};
 use glebe_engine::lattice::{add, norm, sub};
 use glebe_engine::spec::{Domain, Pose, Side, Vec3, WorldSpec};
-use glebe_physics::{ContactEnd, ContactModel, History, IntegratorKind, LawChoice, Material};
+use glebe_physics::{
+    ContactEnd, ContactModel, History, IntegratorKind, LawChoice, Material, PairLaws, PairOverride,
+};
 
 use crate::support::{
     Body, CPU, REFERENCE, Random, Run, Subject, combinations, grain, label, mesh, open_world,
@@ -166,13 +168,13 @@ fn left_to_rounding(damped: f64, stop: f64, damping: f64) -> f64 {
 
 pub fn short_trajectories_equal_the_reference(on: &Subject) {
     let contact = ContactModel { rolling: LawChoice::named("constant-torque"), ..ContactModel::default() };
-    trajectories_agree(on, contact);
+    trajectories_agree(on, &world(contact, 1));
 }
 
 /// Contacts that remember more than a tangential spring: rolling and twisting springs, on surfaces too.
 pub fn trajectories_with_rolling_springs_equal_the_reference(on: &Subject) {
     let rolling = LawChoice::named("moment-rotation").with("rolling_strength", 0.05);
-    trajectories_agree(on, ContactModel { rolling, ..ContactModel::default() });
+    trajectories_agree(on, &world(ContactModel { rolling, ..ContactModel::default() }, 1));
 }
 
 /// The same with as much as laws remember: plastic overlap and JKR's attachment besides.
@@ -181,12 +183,26 @@ pub fn trajectories_with_all_memory_equal_the_reference(on: &Subject) {
     let normal = stiffness(LawChoice::named("luding")).with("adhesion_stiffness", 1e4).with("damping", 0.1);
     let cohesion = LawChoice::named("jkr").with("work_of_adhesion", 0.5);
     let rolling = LawChoice::named("moment-rotation");
-    trajectories_agree(on, ContactModel { normal, rolling, cohesion, ..ContactModel::default() });
+    trajectories_agree(on, &world(ContactModel { normal, rolling, cohesion, ..ContactModel::default() }, 1));
 }
 
-fn trajectories_agree(on: &Subject, contact: ContactModel) {
-    let mut run = Run::new(on, world(contact.clone(), 1));
-    let mut reference = Run::new(&REFERENCE, world(contact, 1));
+/// Other laws in every slot where particles of one kind meet.
+pub fn trajectories_with_laws_by_pair_equal_the_reference(on: &Subject) {
+    let laws = PairLaws {
+        normal: Some(LawChoice::named("eepa").with("plasticity", 0.6).with("adhesion", 0.3)),
+        tangential: Some(LawChoice::named("linear").with("stiffness", 2e3)),
+        rolling: Some(LawChoice::named("constant-torque")),
+        cohesion: Some(LawChoice::named("constant").with("force", 1e-3)),
+    };
+    let rolling = LawChoice::named("moment-rotation");
+    let mut w = world(ContactModel { rolling, ..ContactModel::default() }, 1);
+    w.pairs.push((0, 0, PairOverride { laws, ..PairOverride::default() }));
+    trajectories_agree(on, &w);
+}
+
+fn trajectories_agree(on: &Subject, w: &WorldSpec) {
+    let mut run = Run::new(on, w.clone());
+    let mut reference = Run::new(&REFERENCE, w.clone());
     run.steps(200);
     reference.steps(200);
     let b = reference.bodies();

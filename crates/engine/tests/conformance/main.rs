@@ -21,6 +21,7 @@ mod guards;
 mod laws;
 mod leaving;
 mod packing;
+mod pairwise;
 mod periodic;
 mod poses;
 mod precision;
@@ -84,6 +85,8 @@ macro_rules! backend_suite {
                 bits::a_checkpoint_goes_on,
                 bits::leavers_are_listed,
                 guards::a_world_that_goes_wrong_stops_alone,
+                pairwise::a_pair_follows_its_own_laws,
+                pairwise::a_device_refuses_more_than_two_laws_of_a_slot,
             }
             // Many laws, many steps, or kernels of their own, which take long to compile.
             tests! { $subject, $slow;
@@ -125,6 +128,7 @@ macro_rules! backend_suite {
                 adhesion::history_of_all_slots_survives_a_checkpoint,
                 springs::a_rolling_spring_holds_a_sphere_on_a_slope,
                 springs::twist_is_braked_and_held,
+                pairwise::memories_of_different_laws_survive_a_checkpoint,
             }
         }
     };
@@ -145,6 +149,7 @@ macro_rules! agreement_suite {
             tests! { $subject, $slow;
                 agreement::one_step_forces_equal_the_reference,
                 agreement::trajectories_with_all_memory_equal_the_reference,
+                agreement::trajectories_with_laws_by_pair_equal_the_reference,
             }
         }
     };

@@ -10,7 +10,7 @@ use glebe_engine::spec::{
 };
 use glebe_engine::state::{Progress, State};
 use glebe_engine::{Constants, Failure, prepare};
-use glebe_physics::{ContactModel, IntegratorKind, LawChoice, LawInfo, Laws, Material, Slot, laws};
+use glebe_physics::{ContactModel, IntegratorKind, LawChoice, LawInfo, Laws, Layout, Material, Slot, laws};
 
 /// A backend under test: what its number format holds it to, and what it can afford.
 ///
@@ -339,7 +339,7 @@ pub fn label(m: &ContactModel) -> String {
 
 /// Whether the remembered floats of `m` start with the tangential spring.
 pub fn has_spring(m: &ContactModel) -> bool {
-    Laws::resolve(m).unwrap().history().len() >= 4
+    Layout::of(&[Laws::resolve(m).unwrap()]).floats() >= 4
 }
 
 /// Numbers in [0, 1) that are the same everywhere (splitmix64).

@@ -59,6 +59,7 @@ struct Blame {
     step: Place,
     contact: Place,
     domain: Place,
+    pairs: Vec<Place>,
     /// Particles of each group, and the value that made or names them.
     groups: Vec<(Range<usize>, Place)>,
 }
@@ -72,6 +73,9 @@ impl BuiltScene {
         let (place, label) = match error {
             SetupError::StepTooLarge { .. } | SetupError::SurfaceTooFast { .. } => (&blame.step, "too large"),
             SetupError::Law(_) => (&blame.contact, "these laws"),
+            SetupError::PairLaw { pair, .. } => {
+                (blame.pairs.get(*pair).unwrap_or(&blame.contact), "these laws")
+            }
             SetupError::Particle { id, .. } => (group(id).unwrap_or(&blame.domain), "one of these"),
             _ => (&blame.domain, "this world"),
         };
@@ -131,8 +135,14 @@ impl Scene {
             return Err(errors);
         }
         let warnings = self.warnings.iter().cloned().chain(warnings).collect();
-        let ScenePlaces { step, contact, domain } = self.places.clone();
-        Ok(BuiltScene { world, meshes, warnings, notes, blame: Blame { step, contact, domain, groups } })
+        let ScenePlaces { step, contact, domain, pairs } = self.places.clone();
+        Ok(BuiltScene {
+            world,
+            meshes,
+            warnings,
+            notes,
+            blame: Blame { step, contact, domain, pairs, groups },
+        })
     }
 
     fn domain(&self) -> Domain {

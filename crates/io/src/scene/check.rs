@@ -90,6 +90,10 @@ impl Record {
         self.has(key).then(|| self.number(key))
     }
 
+    pub fn law_if(&self, key: &str) -> Option<LawChoice> {
+        self.has(key).then(|| self.law(key))
+    }
+
     pub fn window_if(&self, key: &str) -> Option<[f64; 2]> {
         match self.get(key) {
             Some(Checked::Window(window)) => Some(*window),

@@ -175,9 +175,23 @@ static PAIR: TableSpec = TableSpec {
         )
         .optional("1, as the laws say")
         .at_least(0.0),
+        Field::new("contact", Kind::Table(&PAIR_CONTACT), "Contact laws of this pair.").or("{}"),
     ],
     rules: &[],
 };
+
+static PAIR_CONTACT: TableSpec = TableSpec {
+    doc: "Contact laws of a pair, written as in [contact]; what is left out is as it says there.",
+    fields: &[
+        Field::new("normal", Kind::Law(Slot::Normal), "Normal force.").optional(AS_ELSEWHERE),
+        Field::new("tangential", Kind::Law(Slot::Tangential), "Tangential force.").optional(AS_ELSEWHERE),
+        Field::new("rolling", Kind::Law(Slot::Rolling), "Rolling torque.").optional(AS_ELSEWHERE),
+        Field::new("cohesion", Kind::Law(Slot::Cohesion), "Cohesion.").optional(AS_ELSEWHERE),
+    ],
+    rules: &[],
+};
+
+const AS_ELSEWHERE: &str = "that of `contact`";
 
 const MIXED_WORDS: &str = "mixed from the two materials";
 

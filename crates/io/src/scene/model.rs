@@ -7,7 +7,7 @@ use glebe_engine::spec::{
     Component, Deformation, Drive, Frustum, Guards, Motion, Oscillation, Rotation, Sampling, Side, Step,
     Time, Until, Vec3, Window,
 };
-use glebe_physics::{ContactModel, Material, Mixing, PairOverride, ShearModulusRule};
+use glebe_physics::{ContactModel, Material, Mixing, PairLaws, PairOverride, ShearModulusRule};
 
 use super::check::{Checked, Checker, Record};
 use super::error::{Located, Place, SceneError};
@@ -77,6 +77,8 @@ pub(super) struct ScenePlaces {
     pub step: Place,
     pub contact: Place,
     pub domain: Place,
+    /// Of the laws of each pair.
+    pub pairs: Vec<Place>,
 }
 
 /// `[domain]`
@@ -308,6 +310,7 @@ pub(crate) fn scene(file: &Record, checker: &mut Checker) -> Scene {
             step: file.table_or_empty("time").place("step").clone(),
             contact: contact.place.clone(),
             domain: file.place("domain").clone(),
+            pairs: file.named("pair").iter().map(|(_, p)| p.place("contact").clone()).collect(),
         },
     };
     scene.stages = stages(file, &scene.geometry, checker);
@@ -344,6 +347,15 @@ fn static_not_below_sliding(record: &Record, checker: &mut Checker) {
     }
 }
 
+fn pair_laws(contact: &Record) -> PairLaws {
+    PairLaws {
+        normal: contact.law_if("normal"),
+        tangential: contact.law_if("tangential"),
+        rolling: contact.law_if("rolling"),
+        cohesion: contact.law_if("cohesion"),
+    }
+}
+
 fn pairs(file: &Record, checker: &mut Checker) -> Vec<PairPart> {
     let mut all: Vec<PairPart> = Vec::new();
     for (name, values) in file.named("pair") {
@@ -367,6 +379,7 @@ fn pairs(file: &Record, checker: &mut Checker) -> Vec<PairPart> {
             static_friction: values.number_if("static_friction"),
             rolling_friction: values.number_if("rolling_friction"),
             cohesion: values.number_if("cohesion"),
+            laws: pair_laws(&values.table_or_empty("contact")),
         };
         all.push(PairPart { materials: [a.to_owned(), b.to_owned()], values });
     }

@@ -22,7 +22,7 @@ pub struct Coefficients {
 }
 
 /// What a law remembers of a contact: up to four floats, as its `HISTORY` says. All are zero when two bodies meet.
-#[cfg_attr(feature = "gpu", derive(CubeType))]
+#[cfg_attr(feature = "gpu", derive(CubeType, CubeTypeMut))]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Memory {
     /// First.

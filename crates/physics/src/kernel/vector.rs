@@ -3,7 +3,7 @@
 use crate::cube::*;
 
 /// A vector of three scalars.
-#[cfg_attr(feature = "gpu", derive(CubeType))]
+#[cfg_attr(feature = "gpu", derive(CubeType, CubeTypeMut))]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct V3 {
     /// First component.

@@ -215,7 +215,7 @@ fn surfaces(
                 fill_surface(ph, lanes, l, m);
             }
             lanes.on_surfaces(group.len());
-            lanes.evaluate(group.len(), ph.c.laws, &ph.pairs[pair_of(&group[0])], ph.dt, ph.accounts());
+            lanes.evaluate(group.len(), ph.c.layout, &ph.pairs[pair_of(&group[0])], ph.dt, ph.accounts());
             scatter_surfaces(ph, block, [&mut *sums, &mut *drains], found, lanes, group);
         }
     }

@@ -11,7 +11,7 @@ use glebe_physics::kernel::normal::{self, Normal};
 use glebe_physics::kernel::rolling::{self, Roll, Rolling};
 use glebe_physics::kernel::tangential::{self, Friction, Tangential, carried, slide};
 use glebe_physics::kernel::vector::{V3, cross, dot, minus, plus, scaled};
-use glebe_physics::{Law, Laws, PairCoefficients, Slot};
+use glebe_physics::{Law, Laws, Layout, PairCoefficients, Slot};
 
 use crate::setup::MEMORY;
 
@@ -24,8 +24,9 @@ pub type Lane = [f32; LANES];
 pub type Lane3 = [Lane; 3];
 
 /// Coefficients of a pair in the precision of kernels.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Pair {
+    laws: Laws,
     normal: Coefficients,
     tangential: Coefficients,
     rolling: Coefficients,
@@ -40,6 +41,7 @@ impl Pair {
     pub fn new(p: &PairCoefficients) -> Self {
         let k = |c: [f64; 4]| Coefficients { a: c[0] as f32, b: c[1] as f32, c: c[2] as f32, d: c[3] as f32 };
         Self {
+            laws: p.laws,
             normal: k(p.normal),
             tangential: k(p.tangential),
             rolling: k(p.rolling),
@@ -240,35 +242,36 @@ impl Lanes {
     /// Evaluates the laws of a pair of materials for a step `dt` \[s\]; energies and what dissipates only if it
     /// `accounts` for them.
     #[inline(always)]
-    pub fn evaluate(&mut self, used: usize, laws: Laws, pair: &Pair, dt: f32, accounts: bool) {
+    pub fn evaluate(&mut self, used: usize, layout: Layout, pair: &Pair, dt: f32, accounts: bool) {
         if accounts {
-            self.evaluated::<true>(whole(used), laws, pair, dt);
+            self.evaluated::<true>(whole(used), layout, pair, dt);
         } else {
-            self.evaluated::<false>(whole(used), laws, pair, dt);
+            self.evaluated::<false>(whole(used), layout, pair, dt);
         }
     }
 
     #[inline(always)]
-    fn evaluated<const ACCOUNTS: bool>(&mut self, used: usize, laws: Laws, pair: &Pair, dt: f32) {
+    fn evaluated<const ACCOUNTS: bool>(&mut self, used: usize, layout: Layout, pair: &Pair, dt: f32) {
+        let laws = pair.laws;
         self.kinematics(used);
         let yields = !(laws.normal.history().is_empty() && laws.cohesion.history().is_empty());
         if yields {
             self.lost = [0.0; LANES];
         }
-        laws.cohesion.visit(CohesionLoop(self, used, pair, laws.place(Slot::Cohesion).start));
-        laws.normal.visit(NormalLoop(self, used, pair, laws.place(Slot::Normal).start));
+        laws.cohesion.visit(CohesionLoop(self, used, pair, layout.place(Slot::Cohesion).start));
+        laws.normal.visit(NormalLoop(self, used, pair, layout.place(Slot::Normal).start));
         laws.tangential.visit(TangentialLoop(self, used, pair));
         if laws.tangential.history().is_empty() {
             self.without_friction(used);
         } else {
-            self.slide::<ACCOUNTS>(used, laws.place(Slot::Tangential).start, &pair.friction, dt);
+            self.slide::<ACCOUNTS>(used, layout.place(Slot::Tangential).start, &pair.friction, dt);
         }
         if ACCOUNTS && yields {
             for l in 0..used {
                 self.friction_loss[l] += self.lost[l];
             }
         }
-        let rolling = laws.place(Slot::Rolling).start;
+        let rolling = layout.place(Slot::Rolling).start;
         laws.rolling.visit(RollingLoop::<ACCOUNTS>(self, used, &pair.rolling, rolling, dt));
     }
 

@@ -96,7 +96,7 @@ fn all<const ORTHOGONAL: bool>(
         let group;
         (group, rest) = rest.split_at(same);
         deal::<ORTHOGONAL>(ph, block, lanes, bench, group);
-        lanes.evaluate(group.len(), ph.c.laws, &ph.pairs[pair], ph.dt, ph.accounts());
+        lanes.evaluate(group.len(), ph.c.layout, &ph.pairs[pair], ph.dt, ph.accounts());
         collect::<ORTHOGONAL>(ph, block, [&mut *sums, &mut *drains], found, lanes, bench, group);
     }
     bench.near = near;

@@ -522,7 +522,7 @@ pub fn contacts_of(
                                 third: last,
                                 known: touched,
                             },
-                            comptime!(s.laws),
+                            comptime!(s.laws.layout),
                         ),
                     },
                     pairs,
@@ -578,15 +578,15 @@ pub fn contacts_of(
                 }
                 if comptime!(purpose == Purpose::Step) {
                     if comptime!(s.quads() > 0) {
-                        hist[at as usize] = packed(e.memory, comptime!(s.laws), 0usize);
+                        hist[at as usize] = packed(e.memory, comptime!(s.laws.layout), 0usize);
                     }
                     if comptime!(s.quads() > 1) {
                         hist[plane(list_room, at, 1u32) as usize] =
-                            packed(e.memory, comptime!(s.laws), 1usize);
+                            packed(e.memory, comptime!(s.laws.layout), 1usize);
                     }
                     if comptime!(s.quads() > 2) {
                         hist[plane(list_room, at, 2u32) as usize] =
-                            packed(e.memory, comptime!(s.laws), 2usize);
+                            packed(e.memory, comptime!(s.laws.layout), 2usize);
                     }
                     if !touched {
                         nbr[at as usize] = entry | TOUCHING;

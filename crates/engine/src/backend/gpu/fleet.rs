@@ -7,6 +7,7 @@ use std::time::Instant;
 use cubecl::prelude::*;
 use glebe_physics::IntegratorKind;
 
+use super::choices::Choices;
 use super::device::{Buffer, Device, MOST_BLOCKS, QUAD, Told, grid};
 use super::fault::Fault;
 use super::launch::{Arguments, settings};
@@ -123,7 +124,7 @@ struct Buffers {
 /// What kernels are specialised for in a world.
 fn signature(c: &Constants, fused: bool) -> Signature {
     Signature {
-        laws: c.laws,
+        laws: Choices::of(c),
         integrator: c.spec.time.integrator,
         ledger: c.spec.sampling.energy_ledger,
         surfaces: !c.boundaries.is_empty(),

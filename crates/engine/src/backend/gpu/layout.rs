@@ -6,7 +6,9 @@
 
 use cubecl::ir::features::EnumSet;
 use cubecl::prelude::*;
-use glebe_physics::{IntegratorKind, Laws};
+use glebe_physics::IntegratorKind;
+
+use super::choices::Choices;
 
 /// Four f32.
 pub type F4 = Vector<f32, Const<4>>;
@@ -44,7 +46,7 @@ pub fn quick() -> EnumSet<FastMath> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Signature {
     /// Laws.
-    pub laws: Laws,
+    pub laws: Choices,
     /// Integrator.
     pub integrator: IntegratorKind,
     /// Whether dissipation is accounted.
@@ -73,7 +75,7 @@ pub struct Signature {
 impl Signature {
     /// F4 that hold what a contact remembers.
     pub fn quads(&self) -> u32 {
-        self.laws.history().len().div_ceil(4) as u32
+        self.laws.layout.floats().div_ceil(4) as u32
     }
 
     /// F4 that a remembered contact with a surface takes: normal and boundary, then what it remembers.

@@ -10,6 +10,7 @@
     clippy::trivially_copy_pass_by_ref
 )]
 
+mod choices;
 mod compensated;
 mod contacts;
 mod device;
@@ -294,7 +295,8 @@ impl Accelerator {
 
     /// Why the device cannot run worlds together.
     pub fn refusal(self, worlds: &[Arc<Constants>]) -> Option<String> {
-        let each = worlds.iter().find_map(|c| self.crowded(c.count));
+        let laws = || worlds.iter().find_map(|c| choices::Choices::refusal(c));
+        let each = worlds.iter().find_map(|c| self.crowded(c.count)).or_else(laws);
         each.or_else(|| {
             let particles = worlds.iter().map(|c| c.count).sum();
             overflow(particles, self.need(worlds), self.room())

@@ -1,16 +1,17 @@
 //! One contact: the laws that a kernel is specialised for, applied to two bodies that touch.
 
 use cubecl::prelude::*;
-use glebe_physics::Laws;
-use glebe_physics::kernel::cohesion::{chosen_attraction, within};
+use glebe_physics::Slot;
+use glebe_physics::kernel::cohesion::within;
 use glebe_physics::kernel::contact::{
     Coefficients, Memory, Touch, pressed, relative_velocity, tangential_part,
 };
-use glebe_physics::kernel::normal::{chosen_force, ended};
-use glebe_physics::kernel::rolling::{Roll, chosen_torques};
-use glebe_physics::kernel::tangential::{Friction, carried, chosen_spring, slide};
+use glebe_physics::kernel::normal::ended;
+use glebe_physics::kernel::rolling::Roll;
+use glebe_physics::kernel::tangential::{Friction, TangentialLaw, carried, slide};
 use glebe_physics::kernel::vector::{V3, cross, dot, minus, plus, scaled};
 
+use super::choices::{self, Choices, second};
 use super::layout::{F4, PAIR_QUADS};
 use super::recall::Recall;
 
@@ -114,32 +115,53 @@ fn touching(m: Memory, delta: f32, #[comptime] remembers: bool) -> Memory {
     }
 }
 
+/// 1 for a law with a spring, else 0: what there is no spring for is not remembered.
+fn grips(law: TangentialLaw) -> f32 {
+    if law.history().is_empty() { 0.0 } else { 1.0 }
+}
+
 /// Applies the laws with the coefficients at `pair`.
 #[cube]
-pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] laws: Laws) -> Effect {
+pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] laws: Choices) -> Effect {
     let base = pair * PAIR_QUADS;
     let friction4 = pairs[(base + 4u32) as usize];
     let rest = pairs[(base + 5u32) as usize];
     let clip = rest[0];
+    let which = u32::cast_from(rest[2]);
     let u = relative_velocity(m.v_a, m.v_b, m.w_a, m.w_b, m.n, m.arm_a, m.arm_b);
     let vn = dot(u, m.n);
     let vt = tangential_part(u, m.n);
     let touch =
         Touch { delta: m.delta, vn, r_eff: m.r_eff, m_eff: 1.0f32 / (m.im_a + m.im_b), diameter: m.diameter };
     let attraction = within(
-        chosen_attraction(laws.cohesion, &coefficients(pairs, base + 3u32), touch, m.memory.cohesion),
+        choices::attraction(
+            &coefficients(pairs, base + 3u32),
+            touch,
+            m.memory.cohesion,
+            which,
+            comptime!(laws.cohesion),
+        ),
         touch,
         rest[1],
     );
     let contact = pressed(touch);
-    let normal = ended(chosen_force(laws.normal, &coefficients(pairs, base), contact, m.memory.normal), clip);
+    let normal = ended(
+        choices::force(&coefficients(pairs, base), contact, m.memory.normal, which, comptime!(laws.normal)),
+        clip,
+    );
     let load = normal.elastic + normal.viscous;
-    let adhesive = comptime!(!laws.normal.history().is_empty());
+    let adhesive = comptime!(!laws.layout.place(Slot::Normal).is_empty());
     let pull = if comptime!(adhesive) { attraction.force + normal.pull } else { attraction.force };
     let along = scaled(m.n, pull - load);
     let damped = scaled(m.n, 0.0f32 - normal.viscous);
 
-    let spring = chosen_spring(laws.tangential, &coefficients(pairs, base + 1u32), contact, normal);
+    let spring = choices::spring(
+        &coefficients(pairs, base + 1u32),
+        contact,
+        normal,
+        which,
+        comptime!(laws.tangential),
+    );
     let spin = plus(m.w_a, m.w_b);
     let stretch = carried(m.memory.stretch, m.n, 0.5f32 * dt * dot(spin, m.n));
     let friction = Friction {
@@ -149,14 +171,20 @@ pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] l
         truncate: friction4[3],
     };
     let t = slide(stretch, m.memory.slip, spring, friction, load, vt, dt);
-    let holds = comptime!(!laws.tangential.history().is_empty());
-    let on = select(holds, 1.0f32, 0.0f32);
+    let on = if comptime!(laws.tangential[0] == laws.tangential[1]) {
+        comptime!(grips(laws.tangential[0])).runtime()
+    } else {
+        select(
+            second(which, 1u32),
+            comptime!(grips(laws.tangential[1])),
+            comptime!(grips(laws.tangential[0])),
+        )
+    };
     let kept = select(m.delta < 0.0f32, 0.0f32, on);
     let force_t = scaled(t.force, on);
     let dash_t = scaled(minus(t.force, t.spring), on);
     let couple = cross(m.n, force_t);
-    let r = chosen_torques(
-        laws.rolling,
+    let r = choices::torques(
         &coefficients(pairs, base + 2u32),
         Roll {
             n: m.n,
@@ -176,9 +204,11 @@ pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] l
             dt,
         },
         m.memory.rolling,
+        which,
+        comptime!(laws.rolling),
     );
-    let springs = comptime!(!laws.rolling.history().is_empty());
-    let yields = comptime!(adhesive || !laws.cohesion.history().is_empty());
+    let springs = comptime!(!laws.layout.place(Slot::Rolling).is_empty());
+    let yields = comptime!(adhesive || !laws.layout.place(Slot::Cohesion).is_empty());
     let slipped =
         if comptime!(springs) { select(dt > 0.0f32, r.lost / f32::max(dt, 1.0e-30f32), 0.0f32) } else { dt };
     let yielded =
@@ -193,8 +223,8 @@ pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] l
         memory: Recall {
             stretch: scaled(t.stretch, kept),
             slip: t.slip * kept,
-            rolling: touching(r.memory, m.delta, comptime!(!laws.rolling.history().is_empty())),
-            normal: touching(normal.memory, m.delta, comptime!(adhesive)),
+            rolling: touching(r.memory, m.delta, springs),
+            normal: touching(normal.memory, m.delta, adhesive),
             cohesion: attraction.memory,
         },
         stiffness: normal.stiffness,

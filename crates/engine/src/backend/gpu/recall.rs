@@ -4,7 +4,7 @@
 use cubecl::prelude::*;
 use glebe_physics::kernel::contact::Memory;
 use glebe_physics::kernel::vector::V3;
-use glebe_physics::{Laws, Slot};
+use glebe_physics::{Layout, Slot};
 
 use super::layout::F4;
 use super::step::four;
@@ -30,15 +30,15 @@ const SLOTS: [Slot; 4] = [Slot::Tangential, Slot::Rolling, Slot::Normal, Slot::C
 const FLOATS: usize = 4;
 
 /// Where float `k` of a slot stands; beyond all where the law has none such.
-fn place(laws: Laws, slot: usize, k: usize) -> usize {
-    let place = laws.place(SLOTS[slot]);
+fn place(layout: Layout, slot: usize, k: usize) -> usize {
+    let place = layout.place(SLOTS[slot]);
     if k < place.len() { place.start + k } else { usize::MAX }
 }
 
 /// Which float of [`Recall`] stands at `at`, counted by [`FLOATS`]; beyond all if none does.
-fn holder(laws: Laws, at: usize) -> usize {
+fn holder(layout: Layout, at: usize) -> usize {
     let all = SLOTS.len() * FLOATS;
-    (0..all).find(|q| place(laws, q / FLOATS, q % FLOATS) == at).unwrap_or(all)
+    (0..all).find(|q| place(layout, q / FLOATS, q % FLOATS) == at).unwrap_or(all)
 }
 
 /// Floats of a contact as they are read: the first four, and further F4, which count if `known`.
@@ -94,23 +94,23 @@ fn float(f: Floats, #[comptime] at: usize) -> f32 {
 }
 
 #[cube]
-fn memory(f: Floats, #[comptime] laws: Laws, #[comptime] slot: usize) -> Memory {
-    if comptime!(laws.place(SLOTS[slot]).is_empty()) {
+fn memory(f: Floats, #[comptime] layout: Layout, #[comptime] slot: usize) -> Memory {
+    if comptime!(layout.place(SLOTS[slot]).is_empty()) {
         Memory { a: 0.0f32, b: 0.0f32, c: 0.0f32, d: 0.0f32 }
     } else {
         Memory {
-            a: float(f, comptime!(place(laws, slot, 0))),
-            b: float(f, comptime!(place(laws, slot, 1))),
-            c: float(f, comptime!(place(laws, slot, 2))),
-            d: float(f, comptime!(place(laws, slot, 3))),
+            a: float(f, comptime!(place(layout, slot, 0))),
+            b: float(f, comptime!(place(layout, slot, 1))),
+            c: float(f, comptime!(place(layout, slot, 2))),
+            d: float(f, comptime!(place(layout, slot, 3))),
         }
     }
 }
 
 /// What the laws find in the floats of a contact.
 #[cube]
-pub fn recalled(f: Floats, #[comptime] laws: Laws) -> Recall {
-    let spring = comptime!(!laws.place(Slot::Tangential).is_empty());
+pub fn recalled(f: Floats, #[comptime] layout: Layout) -> Recall {
+    let spring = comptime!(!layout.place(Slot::Tangential).is_empty());
     Recall {
         stretch: if comptime!(spring) {
             V3 { x: f.x, y: f.y, z: f.z }
@@ -118,16 +118,16 @@ pub fn recalled(f: Floats, #[comptime] laws: Laws) -> Recall {
             V3 { x: 0.0f32, y: 0.0f32, z: 0.0f32 }
         },
         slip: if comptime!(spring) { f.w } else { 0.0f32.runtime() },
-        rolling: memory(f, laws, 1usize),
-        normal: memory(f, laws, 2usize),
-        cohesion: memory(f, laws, 3usize),
+        rolling: memory(f, layout, 1usize),
+        normal: memory(f, layout, 2usize),
+        cohesion: memory(f, layout, 3usize),
     }
 }
 
 /// What stands at `at` of the floats of a contact.
 #[cube]
-pub fn remembered(m: Recall, #[comptime] laws: Laws, #[comptime] at: usize) -> f32 {
-    let holder = comptime!(holder(laws, at));
+pub fn remembered(m: Recall, #[comptime] layout: Layout, #[comptime] at: usize) -> f32 {
+    let holder = comptime!(holder(layout, at));
     if comptime!(holder < 4) {
         if comptime!(holder == 0) {
             m.stretch.x
@@ -164,11 +164,11 @@ fn part(m: Memory, #[comptime] k: usize) -> f32 {
 
 /// The floats of a contact as F4 `q`.
 #[cube]
-pub fn packed(m: Recall, #[comptime] laws: Laws, #[comptime] q: usize) -> F4 {
+pub fn packed(m: Recall, #[comptime] layout: Layout, #[comptime] q: usize) -> F4 {
     four(
-        remembered(m, laws, comptime!(4 * q)),
-        remembered(m, laws, comptime!(4 * q + 1)),
-        remembered(m, laws, comptime!(4 * q + 2)),
-        remembered(m, laws, comptime!(4 * q + 3)),
+        remembered(m, layout, comptime!(4 * q)),
+        remembered(m, layout, comptime!(4 * q + 1)),
+        remembered(m, layout, comptime!(4 * q + 2)),
+        remembered(m, layout, comptime!(4 * q + 3)),
     )
 }

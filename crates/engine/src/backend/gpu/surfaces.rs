@@ -799,7 +799,7 @@ pub fn surfaces_of(
                             w_b: turning,
                             memory: recalled(
                                 Floats { x: sx, y: sy, z: sz, w: slip, second: next, third: last, known },
-                                comptime!(s.laws),
+                                comptime!(s.laws.layout),
                             ),
                         },
                         pairs,
@@ -839,13 +839,16 @@ pub fn surfaces_of(
                             let at = comptime!(s.row_quads()) * slot;
                             row_mem[at as usize] = four(n.x, n.y, n.z, f32::cast_from(b));
                             if comptime!(s.quads() > 0) {
-                                row_mem[(at + 1u32) as usize] = packed(f.memory, comptime!(s.laws), 0usize);
+                                row_mem[(at + 1u32) as usize] =
+                                    packed(f.memory, comptime!(s.laws.layout), 0usize);
                             }
                             if comptime!(s.quads() > 1) {
-                                row_mem[(at + 2u32) as usize] = packed(f.memory, comptime!(s.laws), 1usize);
+                                row_mem[(at + 2u32) as usize] =
+                                    packed(f.memory, comptime!(s.laws.layout), 1usize);
                             }
                             if comptime!(s.quads() > 2) {
-                                row_mem[(at + 3u32) as usize] = packed(f.memory, comptime!(s.laws), 2usize);
+                                row_mem[(at + 3u32) as usize] =
+                                    packed(f.memory, comptime!(s.laws.layout), 2usize);
                             }
                             let surface = bounds[(bt + boundary::SURFACE) as usize];
                             let named = select(surface == NONE, 0.0f32, f32::cast_from(surface + 1u32));

@@ -1,5 +1,6 @@
 //! What kernels look up: worlds, pairs of materials, boundaries, meshes and poses, as words.
 
+use super::choices::Choices;
 use super::layout::{BLOCK, IMAGE_ZERO, NONE, SLICE, boundary, path_word, pose, status, world};
 use crate::backend::common::{runaway_distance, strays};
 use crate::lattice::Lattice;
@@ -136,9 +137,10 @@ pub fn deform(words: &mut Vec<u32>, at: usize, c: &Constants, g: &Progress, step
     }
 }
 
-/// The coefficients of a world's pairs of materials.
+/// The coefficients of a world's pairs of materials, and which of the laws of a kernel they have.
 pub fn pair_quads(c: &Constants) -> Vec<[f32; 4]> {
     let four = |x: [f64; 4]| x.map(|v| v as f32);
+    let choices = Choices::of(c);
     c.pairs
         .iter()
         .flat_map(|p| {
@@ -148,7 +150,7 @@ pub fn pair_quads(c: &Constants) -> Vec<[f32; 4]> {
                 four(p.rolling),
                 four(p.cohesion),
                 four([p.friction[0], p.friction[1], p.remember, p.truncate]),
-                four([p.clip, p.range, 0.0, 0.0]),
+                four([p.clip, p.range, f64::from(choices.bits(p.laws)), 0.0]),
             ]
         })
         .collect()

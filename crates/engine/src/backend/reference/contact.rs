@@ -10,7 +10,7 @@ use glebe_physics::kernel64::tangential::{
     self, Friction, Spring, Tangential, TangentialForce, TangentialLaw, carried, slide,
 };
 use glebe_physics::kernel64::vector::{V3, cross, dot, minus, plus, scaled};
-use glebe_physics::{Laws, PairCoefficients, Slot};
+use glebe_physics::{Layout, PairCoefficients, Slot};
 
 /// Two bodies that touch, as laws see them.
 pub struct Meeting {
@@ -65,8 +65,8 @@ pub struct Pull {
 impl Meeting {
     /// What the laws find in a step `dt` \[s\]: kinematics, cohesion, normal, tangential, rolling. The history
     /// moves on.
-    pub fn pull(&self, laws: Laws, pair: &PairCoefficients, history: &mut [f64], dt: f64) -> Pull {
-        let m = self;
+    pub fn pull(&self, layout: Layout, pair: &PairCoefficients, history: &mut [f64], dt: f64) -> Pull {
+        let (m, laws) = (self, pair.laws);
         let ([vi, vj], [wi, wj]) = (m.v, m.w);
         let u = relative_velocity(vi, vj, wi, wj, m.n, m.arm[0], m.arm[1]);
         let vt = tangential_part(u, m.n);
@@ -78,17 +78,17 @@ impl Meeting {
             diameter: m.diameter,
         };
         let touches = m.delta >= 0.0;
-        let memory = recalled(&history[laws.place(Slot::Cohesion)]);
+        let memory = recalled(&history[layout.place(Slot::Cohesion)]);
         let law = CohesionLaw::ALL[laws.cohesion as usize];
         let attraction = law.visit(CohesionOf(&coefficients(pair.cohesion), touch, memory));
         let attraction = within(attraction, touch, pair.range);
-        keep(&mut history[laws.place(Slot::Cohesion)], attraction.memory);
+        keep(&mut history[layout.place(Slot::Cohesion)], attraction.memory);
         let touch = pressed(touch);
-        let memory = recalled(&history[laws.place(Slot::Normal)]);
+        let memory = recalled(&history[layout.place(Slot::Normal)]);
         let law = NormalLaw::ALL[laws.normal as usize];
         let normal = law.visit(NormalOf(&coefficients(pair.normal), touch, memory));
         // Bodies that do not touch remember nothing but their cohesion.
-        keep(&mut history[laws.place(Slot::Normal)], if touches { normal.memory } else { nothing() });
+        keep(&mut history[layout.place(Slot::Normal)], if touches { normal.memory } else { nothing() });
         let normal = ended(normal, pair.clip);
         let load = normal.elastic + normal.viscous;
 
@@ -96,7 +96,7 @@ impl Meeting {
         let spring = law.visit(SpringOf(&coefficients(pair.tangential), touch, normal));
         let mut t = TangentialForce::default();
         if !law.history().is_empty() {
-            let h = &mut history[laws.place(Slot::Tangential)];
+            let h = &mut history[layout.place(Slot::Tangential)];
             let twist = 0.5 * dt * dot(plus(wi, wj), m.n);
             let stretch = carried(V3 { x: h[0], y: h[1], z: h[2] }, m.n, twist);
             let friction = Friction {
@@ -127,10 +127,10 @@ impl Meeting {
             shear_stiffness: spring.stiffness,
             dt,
         };
-        let memory = recalled(&history[laws.place(Slot::Rolling)]);
+        let memory = recalled(&history[layout.place(Slot::Rolling)]);
         let law = RollingLaw::ALL[laws.rolling as usize];
         let r = law.visit(RollingOf(&coefficients(pair.rolling), roll, memory));
-        keep(&mut history[laws.place(Slot::Rolling)], if touches { r.memory } else { nothing() });
+        keep(&mut history[layout.place(Slot::Rolling)], if touches { r.memory } else { nothing() });
         Pull {
             force: plus(scaled(m.n, attraction.force + normal.pull - load), t.force),
             torque: [plus(scaled(couple, m.arm[0]), r.on_i), plus(scaled(couple, m.arm[1]), r.on_j)],

@@ -383,7 +383,7 @@ impl ReferenceWorld {
                 let mut history =
                     self.pairs.get(&id).cloned().unwrap_or_else(|| vec![0.0; self.c.history.len()]);
                 let pair = self.c.pair(a.material as usize, b.material as usize);
-                let pull = meeting.pull(self.c.laws, pair, &mut history, dt);
+                let pull = meeting.pull(self.c.layout, pair, &mut history, dt);
                 memory.insert(id, history);
                 contacts.push(Contact { i, with: Partner::Particle(j), meeting, pull, arm: v3([0.0; 3]) });
             }
@@ -403,7 +403,7 @@ impl ReferenceWorld {
                         take_nearest(&mut before, point.n).unwrap_or_else(|| vec![0.0; self.c.history.len()]);
                     let (meeting, arm) = self.on_surface(b, boundary, &point);
                     let pair = self.c.pair(b.material as usize, self.c.boundaries[boundary].material);
-                    let pull = meeting.pull(self.c.laws, pair, &mut history, dt);
+                    let pull = meeting.pull(self.c.layout, pair, &mut history, dt);
                     now.push((point.n, history));
                     let with = Partner::Surface { boundary, triangle: point.triangle as usize };
                     contacts.push(Contact { i, with, meeting, pull, arm });

@@ -18,7 +18,7 @@ slot! {
 }
 
 /// An attractive force and its potential.
-#[cfg_attr(feature = "gpu", derive(CubeType))]
+#[cfg_attr(feature = "gpu", derive(CubeType, CubeTypeMut))]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Attraction {
     /// Force pulling the bodies together \[N\], ≥ 0.

@@ -18,7 +18,7 @@ slot! {
 }
 
 /// The force along the normal, positive in compression.
-#[cfg_attr(feature = "gpu", derive(CubeType))]
+#[cfg_attr(feature = "gpu", derive(CubeType, CubeTypeMut))]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NormalForce {
     /// Spring \[N\], ≥ 0: what friction and rolling resistance act on, together with the dashpot.

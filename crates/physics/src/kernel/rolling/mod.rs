@@ -55,7 +55,7 @@ pub struct Roll {
 }
 
 /// Torques on the two bodies \[N m\].
-#[cfg_attr(feature = "gpu", derive(CubeType))]
+#[cfg_attr(feature = "gpu", derive(CubeType, CubeTypeMut))]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Torques {
     /// On body i.

@@ -24,7 +24,7 @@ slot! {
 pub const SPRING_HISTORY: &[f64] = &[-1.0, -1.0, -1.0, 1.0];
 
 /// Stiffness and damping of the tangent plane.
-#[cfg_attr(feature = "gpu", derive(CubeType))]
+#[cfg_attr(feature = "gpu", derive(CubeType, CubeTypeMut))]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Spring {
     /// Stiffness Sₜ \[N/m\].
