@@ -313,7 +313,10 @@ fn calibrations() -> Vec<Case> {
         edit("an experiment that is not there", "measure =", "experiment = \"slow\"\nmeasure ="),
         with("two methods", &[free, target, "[method.cma-es]\n[method.bayesian-filter]\n"]),
         with("too few agents", &[free, target, "[method.differential-evolution]\npopulation = 2\n"]),
-        with("more agents than there is reason for", &[free, target, "[method.cma-es]\npopulation = 1e12\n"]),
+        with(
+            "more agents than there is reason for",
+            &[free, target, "[method.cma-es]\npopulation = 1000000000000\n"],
+        ),
         edit("a range whose middle cannot be set up", "[0.2, 0.6]", "[0.9, 5]"),
     ]
 }
