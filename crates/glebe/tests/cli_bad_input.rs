@@ -12,6 +12,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use cli_common::{Ended, Place, SCENE};
+use sha2::{Digest, Sha256};
 
 /// What is made of the working scene, and what it then needs beside it.
 struct Case {
@@ -63,6 +64,12 @@ impl Case {
         let case = Self::edit(name, "velocity = [0.5, 0, 0]", "poses = \"path.csv\"");
         Self { files: vec![("path.csv", content.into())], ..case }
     }
+}
+
+/// A checkpoint of a format to come, whole and signed.
+fn later_checkpoint() -> Vec<u8> {
+    let content = [b"glebe\r\n\x1a\x63\0\0\0", &[0; 100][..]].concat();
+    [&content[..], &Sha256::digest(&content)].concat()
 }
 
 fn cases() -> Vec<Case> {
@@ -125,6 +132,11 @@ fn cases() -> Vec<Case> {
         ),
         Case::particles("a VTU file with too few numbers", "p.vtu", vtu("0 0 0.1 0.05 0", "0.01 0.01")),
         Case::particles(
+            "a VTU file that claims more than it has",
+            "p.vtu",
+            vtu("0 0 0.1 0.05 0 0.1", "0.01 0.01").replace("Points=\"2\"", "Points=\"1000000000000000000\""),
+        ),
+        Case::particles(
             "a VTU file without a radius",
             "p.vtu",
             vtu("0 0 0.1 0.05 0 0.1", "").replace("\"Radius\"", "\"size\""),
@@ -179,6 +191,11 @@ fn cases() -> Vec<Case> {
             ],
             args: vec!["--resume", "--out", "old"],
             ..Case::text("checkpoints that are none", SCENE)
+        },
+        Case {
+            files: vec![("old/checkpoint/000001.glebe", later_checkpoint())],
+            args: vec!["--resume", "--out", "old"],
+            ..Case::text("a checkpoint of a later version", SCENE)
         },
     ]
 }
@@ -242,6 +259,76 @@ fn studies() -> Vec<Case> {
             over(density, "1").replace("values = 1", "range = [1, 2]\ncount = 1000000000"),
         ),
     ]
+}
+
+/// Twenty grains without walls.
+const SAMPLE: &str = include_str!("../../../fuzz/seeds/scene/sample.toml");
+
+fn samples() -> Vec<Case> {
+    let with = |name: &'static str, more: &str| {
+        let files = vec![("study.toml", format!("scene = \"scene.toml\"\n{more}\n").into())];
+        Case { files, ..Case::text(name, SAMPLE) }
+    };
+    let consolidate = "[consolidate]\npressure = \"100 kPa\"\n";
+    let and = |name: &'static str, more: &str| with(name, &format!("{consolidate}{more}"));
+    let walls = SAMPLE.replace("z = \"periodic\"", "z = \"open\"");
+    vec![
+        with("a study that brings samples to no stress", "[load]\nprogram = \"scene\""),
+        with("a stress below none", "[consolidate]\npressure = -1"),
+        with("a stress in another unit", "[consolidate]\npressure = \"100 kN\""),
+        and("an unknown program", "[load]\nprogram = \"triaxal\""),
+        and("a program without its strain", "[load]\nprogram = \"simple-shear\""),
+        and("a preparation with two aims", "[prepare]\nvoid_ratio = 0.6\nfriction = 0.2"),
+        and("a preparation without an aim", "[prepare]\npressure = 100"),
+        and("no samples at all", "[vary.e]\npath = \"prepare.void_ratio\"\nvalues = []"),
+        Case { scene: walls.into(), ..and("a sample with an open side", "") },
+        Case {
+            args: vec!["--set", "seeds=1000000000"],
+            ..and("more samples than a study has", "[prepare]\nvoid_ratio = 0.6")
+        },
+        study("a study of samples of a bed in a box", format!("scene = \"scene.toml\"\n{consolidate}")),
+    ]
+}
+
+fn calibrations() -> Vec<Case> {
+    let free = "[free.friction]\npath = \"material.soil.friction\"\nbounds = [0.2, 0.6]\n";
+    let target = "[target.force]\nmeasure = \"push.draught_force\"\nvalue = \"12 N\"\nscatter = 1\n";
+    let with = |name: &'static str, parts: &[&str]| {
+        study(name, format!("scene = \"scene.toml\"\n{}", parts.concat()))
+    };
+    let edit = |name: &'static str, from: &str, to: &str| {
+        let text = format!("{free}{target}");
+        assert_eq!(text.matches(from).count(), 1, "`{from}` is not there exactly once");
+        with(name, &[&text.replace(from, to)])
+    };
+    vec![
+        with("a calibration towards nothing", &[free]),
+        with("a calibration of nothing", &[target]),
+        edit("bounds the wrong way round", "[0.2, 0.6]", "[0.6, 0.2]"),
+        edit("bounds in another unit", "[0.2, 0.6]", "[\"2 MPa\", 0.6]"),
+        edit("a free parameter that leads nowhere", "soil.friction", "soil.fricton"),
+        edit("a measure that the scene has not", "push.draught_force", "push.draught"),
+        edit("a target in another unit", "\"12 N\"", "\"12 kPa\""),
+        edit("a target without a scatter", "scatter = 1", "scatter = 0"),
+        edit("an experiment that is not there", "measure =", "experiment = \"slow\"\nmeasure ="),
+        with("two methods", &[free, target, "[method.cma-es]\n[method.bayesian-filter]\n"]),
+        with("too few agents", &[free, target, "[method.differential-evolution]\npopulation = 2\n"]),
+        with(
+            "more agents than there is reason for",
+            &[free, target, "[method.cma-es]\npopulation = 1000000000000\n"],
+        ),
+        edit("a range whose middle cannot be set up", "[0.2, 0.6]", "[0.9, 5]"),
+    ]
+}
+
+#[test]
+fn every_mistake_of_a_study_of_samples_is_told_before_anything_is_written() {
+    insta::assert_snapshot!(told(&["rve", "study.toml"], samples()));
+}
+
+#[test]
+fn every_mistake_of_a_calibration_is_told_before_anything_is_written() {
+    insta::assert_snapshot!(told(&["calibrate", "study.toml"], calibrations()));
 }
 
 #[test]

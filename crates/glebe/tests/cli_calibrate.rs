@@ -9,6 +9,7 @@ use std::fs;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use cli_common::disk::on_disks_that_fill;
 use cli_common::{Ended, Place, signal};
 use serde_json::Value;
 
@@ -237,6 +238,34 @@ fn a_calibration_that_is_killed_or_divided_ends_with_the_same_bytes() {
     place.glebe(&[&calibrate("whole", &longer)[..], &["--force"]].concat()).expect(0);
     assert_eq!(bytes(&place, "parts/evaluations.csv"), bytes(&place, "whole/evaluations.csv"));
     assert_eq!(place.summary("parts")["best"], place.summary("whole")["best"]);
+}
+
+/// Killed while results are written, and at times by chance; and on disks that fill.
+#[test]
+fn a_calibration_that_is_killed_again_and_again_or_lacks_room_ends_with_the_same_bytes() {
+    let (place, _) = place();
+    let sets = ["method.differential-evolution={ population = 8 }", "stop.rounds=12"];
+    place.glebe(&calibrate("whole", &sets)).expect(0);
+    let same = |out: &str| {
+        for name in ["evaluations.csv", "best.toml", "convergence.svg"] {
+            assert!(
+                bytes(&place, &format!("{out}/{name}")) == bytes(&place, &format!("whole/{name}")),
+                "{out}/{name}"
+            );
+        }
+        assert!(!place.listing().iter().any(|name| name.contains("partial")), "{:?}", place.listing());
+    };
+    let more = ["--resume", "--checkpoint-every", "0", "--threads", "1"];
+    fs::create_dir(place.path("killed")).unwrap();
+    place.killed_again_and_again(
+        &[&calibrate("killed", &sets)[..], &more].concat(),
+        &["killed/checkpoint"],
+        10,
+    );
+    same("killed");
+    if on_disks_that_fill(&place, &[&calibrate("disk/out", &sets)[..], &more].concat(), &[8, 24, 40, 65536]) {
+        same("kept/out");
+    }
 }
 
 /// Two experiments at different speeds share the parameters; those that are refused or fail have no cost.

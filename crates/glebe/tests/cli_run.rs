@@ -6,12 +6,13 @@ mod cli_common;
 
 use std::fs;
 use std::thread::sleep;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 use glebe::engine::state::State;
 use glebe::io::checkpoint;
 
-use cli_common::{Ended, Place, SCENE, series, signal};
+use cli_common::disk::on_disks_that_fill;
+use cli_common::{Ended, Place, SCENE, series, signal, some_time};
 
 /// Waits until the run has written so many rows of its series.
 fn wait_for_rows(place: &Place, out: &str, rows: usize) {
@@ -21,12 +22,6 @@ fn wait_for_rows(place: &Place, out: &str, rows: usize) {
         assert!(started.elapsed() < Duration::from_secs(60), "no rows after a minute");
         sleep(Duration::from_millis(5));
     }
-}
-
-/// A moment that is another in every run of the test \[ms\].
-fn some_time(most: u32) -> Duration {
-    let nanos = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().subsec_nanos();
-    Duration::from_millis(u64::from(nanos / 1000 % most))
 }
 
 #[test]
@@ -109,12 +104,6 @@ fn even(mut state: State) -> State {
     state
 }
 
-/// Whether a file is being written in one of the run's folders, or was when the run was killed.
-fn half_written(place: &Place, folder: &str) -> bool {
-    let partial = |e: fs::DirEntry| e.file_name().to_string_lossy().starts_with(".glebe-partial-");
-    fs::read_dir(place.path(folder)).is_ok_and(|all| all.flatten().any(partial))
-}
-
 #[test]
 fn a_run_that_is_killed_again_and_again_ends_with_the_same_bits() {
     let place = Place::new();
@@ -128,47 +117,42 @@ fn a_run_that_is_killed_again_and_again_ends_with_the_same_bits() {
 
     // Begun with --resume where there is nothing: every start is the same command.
     fs::create_dir(place.path("killed")).unwrap();
-    let every = ["--resume", "--checkpoint-every", "0"];
-    let (mut kills, mut torn) = (0, [0; 2]);
-    let begun = Instant::now();
-    loop {
-        let mut child = place.command(&run("killed", &every)).spawn().unwrap();
-        let started = Instant::now();
-        // At a time by chance, or as soon as a checkpoint or a frame is half-written. After enough of all
-        // the run may end.
-        let at = some_time(60);
-        let folder = ["", "killed/checkpoint", "killed/frames"][kills % 3];
-        while child.try_wait().unwrap().is_none() {
-            let due = match kills % 3 {
-                0 => started.elapsed() >= at,
-                _ => started.elapsed() >= Duration::from_millis(20) && half_written(&place, folder),
-            };
-            if due && kills < 15 {
-                child.kill().unwrap();
-            }
-        }
-        let ended = Ended::of(&child.wait_with_output().unwrap());
-        if ended.code == 0 {
-            break;
-        }
-        ended.expect(-1);
-        if kills % 3 > 0 {
-            torn[kills % 3 - 1] += usize::from(half_written(&place, folder));
-        }
-        kills += 1;
-        assert!(begun.elapsed() < Duration::from_secs(60), "no end after {kills} kills");
-    }
-    assert!(
-        kills > 8 && torn.iter().all(|n| *n > 0),
-        "{kills} kills, half-written checkpoints and frames {torn:?}"
-    );
+    let folders = ["killed/checkpoint", "killed/frames"];
+    let torn =
+        place.killed_again_and_again(&run("killed", &["--resume", "--checkpoint-every", "0"]), &folders, 15);
+    assert!(torn.iter().all(|n| *n > 0), "half-written checkpoints and frames: {torn:?}");
     assert_eq!(place.hash("killed"), place.hash("whole"));
     let bytes = |name: &str| fs::read(place.path(name)).unwrap();
     for file in ["series.csv", "frames.pvd", "frames/000070_particles.vtp"] {
         assert!(bytes(&format!("killed/{file}")) == bytes(&format!("whole/{file}")), "{file} differs");
     }
-    for folder in ["killed", "killed/checkpoint", "killed/frames"] {
-        assert!(!half_written(&place, folder), "something is left unfinished in {folder}");
+    assert!(!place.listing().iter().any(|name| name.contains("partial")), "{:?}", place.listing());
+}
+
+/// On disks that fill earlier and later, until there is room: as if there had been room from the beginning.
+#[test]
+fn a_run_on_a_disk_that_fills_goes_on_when_there_is_room() {
+    let place = Place::new();
+    place.write("scene.toml", SCENE);
+    let sets = ["stage.push.duration=0.03", "stage.settle.until.at_most=0.03", "output.frames=2 ms"];
+    let sets = sets.map(|set| ["--set", set]).concat();
+    let run = |out: &'static str, more: &[&'static str]| {
+        [&["run", "scene.toml", "--no-cache", "--device", "cpu", "--out", out], &sets[..], more].concat()
+    };
+    let again = run("disk/out", &["--resume", "--checkpoint-every", "0"]);
+    if !on_disks_that_fill(&place, &again, &[20, 100, 300, 310, 65536]) {
+        return;
+    }
+    place.glebe(&run("whole", &[])).expect(0);
+    assert_eq!(place.hash("kept/out"), place.hash("whole"));
+    let bytes = |name: String| fs::read(place.path(&name)).unwrap();
+    let mut frames: Vec<_> =
+        fs::read_dir(place.path("whole/frames")).unwrap().map(|e| e.unwrap().file_name()).collect();
+    frames.sort();
+    assert!(frames.len() > 30, "{frames:?}");
+    let frames = frames.iter().map(|name| format!("frames/{}", name.display()));
+    for file in frames.chain(["series.csv".to_owned(), "frames.pvd".to_owned()]) {
+        assert!(bytes(format!("kept/out/{file}")) == bytes(format!("whole/{file}")), "{file} differs");
     }
 }
 

@@ -9,6 +9,7 @@ use std::fs;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use cli_common::disk::on_disks_that_fill;
 use cli_common::{Ended, Place, signal};
 use serde_json::Value;
 
@@ -155,6 +156,34 @@ fn samples_have_their_void_ratios_and_the_same_bits_in_a_batch_alone_and_after_a
     assert_eq!(journal().matches("Tried").count(), tried, "no preparation is done again");
     for name in ["worlds.csv", "curves.csv", "bands.csv", "homogenisation.csv"] {
         assert_eq!(bytes(&place, &format!("parts/{name}")), bytes(&place, &format!("out/{name}")), "{name}");
+    }
+}
+
+/// Killed while the states of samples or the results are written, and at times by chance; and on disks that fill.
+#[test]
+fn a_study_of_samples_that_is_killed_again_and_again_or_lacks_room_ends_with_the_same_bytes() {
+    let place = place();
+    let sets = ["seeds=1", "load.strain=0.01", "load.points=10"].map(|set| ["--set", set]).concat();
+    let rve = |out: &'static str, more: &[&'static str]| {
+        [&["rve", "study.toml", "--device", "cpu", "--out", out], &sets[..], more].concat()
+    };
+    place.glebe(&rve("whole", &[])).expect(0);
+    let same = |out: &str| {
+        for name in ["worlds.csv", "curves.csv", "homogenisation.csv", "samples/000001.csv"] {
+            assert!(
+                bytes(&place, &format!("{out}/{name}")) == bytes(&place, &format!("whole/{name}")),
+                "{out}/{name}"
+            );
+        }
+        assert!(!place.listing().iter().any(|name| name.contains("partial")), "{:?}", place.listing());
+    };
+    let every = ["--resume", "--checkpoint-every", "0"];
+    fs::create_dir(place.path("killed")).unwrap();
+    let torn = place.killed_again_and_again(&rve("killed", &every), &["killed/checkpoint"], 8);
+    assert!(torn[0] > 0, "no state was being written");
+    same("killed");
+    if on_disks_that_fill(&place, &rve("disk/out", &every), &[8, 24, 65536]) {
+        same("kept/out");
     }
 }
 

@@ -8,6 +8,7 @@ use std::fs;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use cli_common::disk::on_disks_that_fill;
 use cli_common::{Ended, Place, SCENE, signal};
 use serde_json::Value;
 
@@ -189,6 +190,31 @@ fn a_sweep_that_is_interrupted_or_killed_ends_with_the_same_bytes() {
     // Once done there is nothing to do, and nothing is spoilt.
     place.glebe(&resume).expect(0);
     assert_eq!(bytes(&place, "parts/worlds.csv"), bytes(&place, "whole/worlds.csv"));
+}
+
+/// Killed while the states of worlds or the results are written, and at times by chance; and on disks that fill.
+#[test]
+fn a_sweep_that_is_killed_again_and_again_or_lacks_room_ends_with_the_same_bytes() {
+    let place = place();
+    let scene = fs::read_to_string(place.path("scene.toml")).unwrap();
+    place.write("scene.toml", scene.replace("\"0.24 s\"", "\"0.08 s\"").replace("\"0.5 s\"", "\"0.05 s\""));
+    let sweep = |out: &'static str, more: &[&'static str]| {
+        [&["sweep", "study.toml", "--no-cache", "--device", "cpu", "--out", out], more].concat()
+    };
+    place.glebe(&sweep("whole", &[])).expect(0);
+    let same = |out: &str| {
+        assert_eq!(bytes(&place, &format!("{out}/worlds.csv")), bytes(&place, "whole/worlds.csv"), "{out}");
+        assert_eq!(place.summary(out)["worlds"], place.summary("whole")["worlds"], "{out}");
+        assert!(!place.listing().iter().any(|name| name.contains("partial")), "{:?}", place.listing());
+    };
+    let every = ["--resume", "--checkpoint-every", "0"];
+    fs::create_dir(place.path("killed")).unwrap();
+    let torn = place.killed_again_and_again(&sweep("killed", &every), &["killed/checkpoint"], 10);
+    assert!(torn[0] > 0, "no state was being written");
+    same("killed");
+    if on_disks_that_fill(&place, &sweep("disk/out", &every), &[8, 40, 60, 65536]) {
+        same("kept/out");
+    }
 }
 
 #[test]

@@ -36,7 +36,7 @@ fn a_tiny_bed_gives_rates_as_json_and_is_kept() {
     let args = ["--sizes", "300,600", "--beds", "mono,poly", "--flowing", "none", "--steps", "50"];
     let more = ["--repeat", "2", "--threads", "1", "--out", file.to_str().unwrap()];
     let result = measured(folder.path(), &[&args[..], &more].concat());
-    assert_eq!(result["threads"], 1);
+    assert_eq!(result["settings"]["threads"], 1);
     let beds = result["beds"].as_array().unwrap();
     assert_eq!(beds.len(), 4);
     for bed in beds {
@@ -160,6 +160,63 @@ fn tools_move_in_beds_of_their_own_and_the_first_step_is_timed() {
     let wrong = bench(folder.path(), &["--tools", "spade"]);
     assert_eq!(wrong.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&wrong.stderr).contains("fine-sweep"));
+}
+
+#[test]
+fn rates_are_told_beside_those_of_an_earlier_run_of_the_same() {
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (first, odd) = (path("first.json"), path("odd.json"));
+    let args = |sizes, steps| {
+        let args =
+            ["--sizes", sizes, "--beds", "mono", "--flowing", "none", "--steps", steps, "--repeat", "2"];
+        [&args[..], &["--threads", "1", "--device", "cpu"]].concat()
+    };
+    let before = measured(folder.path(), &[&args("300", "50")[..], &["--out", &first]].concat());
+    let now = measured(folder.path(), &[&args("300,400", "50")[..], &["--compare", &first]].concat());
+    let rate = |result: &Value, key: &str| number(&result["beds"][0]["particle_steps_per_second"][key]);
+    let over = |key: &str| number(&now["beds"][0]["rate_over_earlier"][key]);
+    assert!((over("median") - rate(&now, "median") / rate(&before, "median")).abs() < 1e-12);
+    assert!((over("min") - rate(&now, "min") / rate(&before, "max")).abs() < 1e-12);
+    assert!((over("max") - rate(&now, "max") / rate(&before, "min")).abs() < 1e-12);
+    assert_eq!(now["beds"][1]["rate_over_earlier"], Value::Null);
+    let table = bench(folder.path(), &[&args("300,400", "50")[..], &["--compare", &first]].concat());
+    let text = String::from_utf8_lossy(&table.stdout);
+    for part in
+        ["rates over those in", "settled mono bed of 300 particles: ", "of 400 particles: not timed then"]
+    {
+        assert!(text.contains(part), "no `{part}` in {text}");
+    }
+
+    // What is not the same is refused before anything is timed.
+    let mut material = before.clone();
+    material["beds"][0]["material"]["youngs_modulus"] = json!(1e7);
+    let spoils = [
+        (before.to_string(), args("300", "60"), "steps is 60 now and 50 there"),
+        (
+            before.to_string(),
+            args("400", "50"),
+            "has none of the beds asked for; it has: settled mono bed of 300",
+        ),
+        (
+            before.to_string(),
+            [&args("300", "50")[..], &["--ledger"]].concat(),
+            "energy_ledger is true now and false",
+        ),
+        (material.to_string(), args("300", "50"), "settled mono bed of 300 particles: material is {"),
+        ("rates".to_owned(), args("300", "50"), "is not what `glebe bench --out` writes"),
+        ("{}".to_owned(), args("300", "50"), "it has no `settings`"),
+    ];
+    for (content, args, why) in spoils {
+        std::fs::write(&odd, content).unwrap();
+        let run = bench(folder.path(), &[&args[..], &["--compare", &odd]].concat());
+        let told = String::from_utf8_lossy(&run.stderr);
+        assert_eq!(run.status.code(), Some(2), "{told}");
+        assert!(told.contains(why) && told.contains("odd.json") && !told.contains("timing"), "{told}");
+    }
+    let run = bench(folder.path(), &["--compare", &path("nowhere.json")]);
+    assert_eq!(run.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&run.stderr).contains("cannot be read"));
 }
 
 #[test]

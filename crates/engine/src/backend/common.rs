@@ -230,20 +230,23 @@ pub fn overlap_failure(c: &Constants, g: &Progress, body: &str, other: &str, wor
 
 /// The failure of a world where `body` ran away with velocity `v`.
 pub fn runaway_failure(c: &Constants, g: &Progress, body: &str, v: Vec3) -> Failure {
-    let what = if v.iter().all(|x| x.is_finite()) {
+    let (what, cause) = if v.iter().all(|x| x.is_finite()) {
         let far = runaway_distance(c);
-        format!(
-            "moves more than {far:.3e} m in one step, with which the smallest particle could pass through a surface"
+        (
+            format!(
+                "moves more than {far:.3e} m in one step, with which the smallest particle could pass through a surface"
+            ),
+            "the step is too large for the stiffness or the speeds of this world; take a smaller time.step or \"auto\"",
         )
     } else {
-        "has a velocity that is not a number".to_owned()
+        (
+            "has a velocity that is not a number".to_owned(),
+            "a force or a moment was larger than can be computed with, 3e38 in SI units: the step is too large for the \
+             stiffness or the speeds of this world, or a size, density, stiffness or speed is in another unit; take a \
+             smaller time.step or \"auto\", and look at the units",
+        )
     };
-    failure(
-        c,
-        g,
-        format!("{body} {what}"),
-        "the step is too large for the stiffness or the speeds of this world; take a smaller time.step or \"auto\"",
-    )
+    failure(c, g, format!("{body} {what}"), cause)
 }
 
 /// The failure of a world now.

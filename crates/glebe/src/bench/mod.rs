@@ -11,6 +11,7 @@
 //! has other things to do.
 
 mod bed;
+mod compare;
 mod drum;
 mod grading;
 mod report;
@@ -30,6 +31,7 @@ use glebe_io::tool::ToolError;
 use crate::cli::Ui;
 use crate::device::Device;
 use bed::{Bed, Mode};
+use compare::Earlier;
 pub use grading::BedKind;
 use timing::Row;
 pub use tool::Tool;
@@ -45,6 +47,7 @@ Examples:
   glebe bench --sizes none --tools sweep,fine-sweep,rotor
   glebe bench --sizes none --tools sweep --worlds 60
   glebe bench --sizes 10k,100k,1M --repeat 5 --out bench.json
+  glebe bench --sizes 10k,100k,1M --repeat 5 --compare bench.json
 
 Settled beds are dense, random, in an open-topped box. A flowing bed has the same spheres in a
 closed drum, about half full, that turns at a Froude number of 0.1 and needs new lists often.
@@ -112,6 +115,9 @@ pub struct BenchArgs {
     /// Also writes the results as JSON into this file
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Also tells the rates over those in this file, which --out wrote with the same settings
+    #[arg(long, value_name = "FILE")]
+    pub compare: Option<PathBuf>,
     /// Also writes the prepared beds into this folder, which must be there, as CSV: places, radii and velocities
     #[arg(long, value_name = "FOLDER")]
     pub write_beds: Option<PathBuf>,
@@ -183,6 +189,14 @@ pub enum BenchError {
     /// Results could not be written.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// The results to compare with cannot be used.
+    #[error("{path}: {why}")]
+    Compare {
+        /// The file.
+        path: String,
+        /// What is wrong, and what to do.
+        why: String,
+    },
     /// No threads.
     #[error("the threads could not be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
@@ -193,13 +207,24 @@ pub enum BenchError {
 /// # Errors
 /// A device that is not there; beds that cannot be made, prepared, kept or run; results that cannot be written.
 pub fn run(args: &BenchArgs, ui: &Ui) -> Result<(), BenchError> {
+    let earlier = args.compare.as_deref().map(Earlier::read).transpose()?;
     let threads = args.threads.map_or(0, usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let (value, table) = pool.install(|| {
         let chosen = args.device.open(0)?.admit(&[])?;
         chosen.note.iter().for_each(|line| ui.note(line));
-        let (rows, device) = (measure(args, chosen.backend, ui)?, chosen.backend.device());
-        Ok::<_, BenchError>((report::json(&rows, args, &device)?, report::table(&rows, args, &device)))
+        let device = chosen.backend.device();
+        if let Some(earlier) = &earlier {
+            let beds = beds(args).into_iter().flatten().map(|bed| report::bed(&bed, args.worlds as usize));
+            earlier.fits(&report::settings(args, &device), &beds.collect::<Result<Vec<_>, _>>()?)?;
+        }
+        let rows = measure(args, chosen.backend, ui)?;
+        let mut value = report::json(&rows, args, &device)?;
+        let mut table = report::table(&rows, args, &device);
+        if let Some(earlier) = &earlier {
+            table += &earlier.compare(&mut value, &rows);
+        }
+        Ok::<_, BenchError>((value, table))
     })?;
     if let Some(path) = &args.out {
         write_atomic(path, |out| writeln!(out, "{value:#}"))?;
@@ -208,10 +233,8 @@ pub fn run(args: &BenchArgs, ui: &Ui) -> Result<(), BenchError> {
     Ok(())
 }
 
-/// The rows of every size, each bed's flowing one below its settled one.
-fn measure(args: &BenchArgs, backend: Backend, ui: &Ui) -> Result<Vec<Row>, BenchError> {
-    let cache = crate::run::default_bed_folder().filter(|_| !args.no_cache).map(|f| f.join("bench"));
-    let mut rows = Vec::new();
+/// The beds of every size, each one's flowing one behind its settled one; those of one size take turns.
+fn beds(args: &BenchArgs) -> Vec<Vec<Bed>> {
     let plain = |count| {
         let beds = args.beds.iter().flat_map(move |&kind| {
             let flows = args.flowing.contains(&Flowing(Some(kind)));
@@ -226,10 +249,14 @@ fn measure(args: &BenchArgs, backend: Backend, ui: &Ui) -> Result<Vec<Row>, Benc
         beds.collect::<Vec<_>>()
     };
     let sizes = args.sizes.iter().filter_map(|size| size.0);
-    // Beds that take turns.
-    let together: Vec<Vec<Bed>> =
-        sizes.map(plain).chain(args.tool_sizes.iter().copied().map(tilled)).collect();
-    for beds in together {
+    sizes.map(plain).chain(args.tool_sizes.iter().copied().map(tilled)).collect()
+}
+
+/// The rows of all beds, in their order.
+fn measure(args: &BenchArgs, backend: Backend, ui: &Ui) -> Result<Vec<Row>, BenchError> {
+    let cache = crate::run::default_bed_folder().filter(|_| !args.no_cache).map(|f| f.join("bench"));
+    let mut rows = Vec::new();
+    for beds in beds(args) {
         let mut prepared = Vec::new();
         for bed in beds {
             let ready = bed.prepared(cache.as_deref(), backend, ui)?;

@@ -12,34 +12,61 @@ use super::{BenchArgs, BenchError};
 use crate::device::processor;
 use crate::validate::power_law;
 
+/// What was asked for, on what: what must be the same in two runs for their rates to compare.
+pub fn settings(args: &BenchArgs, device: &str) -> Value {
+    json!({
+        "optimised": !cfg!(debug_assertions),
+        "device": device,
+        "processor": processor(),
+        "threads": rayon::current_num_threads(),
+        "steps": args.steps,
+        "warm_up_steps": WARM_UP,
+        "sample_every_steps": SAMPLE_STEPS,
+        "energy_ledger": args.ledger,
+        "integrator": "euler",
+    })
+}
+
+/// What a bed is.
+pub fn bed(bed: &Bed, worlds: usize) -> Result<Value, BenchError> {
+    let drum = bed.drum()?.map(|drum| {
+        json!({
+            "radius_m": drum.radius,
+            "length_m": drum.length(),
+            "rate_rad_per_s": drum.rate(),
+            "froude": FROUDE,
+        })
+    });
+    let tool = bed.tool()?.map(|tool| json!({ "name": bed.mode.name(), "triangles": tool.triangles }));
+    Ok(json!({
+        "bed": bed.kind.name(),
+        "mode": bed.mode.name(),
+        "particles": bed.count,
+        "worlds": worlds,
+        "radii_m": bed.kind.radii(),
+        "grading": bed.kind.grading(),
+        "drum": drum,
+        "tool": tool,
+        "material": bed.kind.material(),
+        "laws": ["hertz", "mindlin", bed.kind.rolling().law],
+        "step_s": bed.kind.step(),
+    }))
+}
+
+/// What a bed is called, by how results define it.
+pub fn bed_name(bed: &Value) -> String {
+    let word = |key: &str| bed[key].as_str().unwrap_or("?").to_owned();
+    format!("{} {} bed of {} particles", word("mode"), word("bed"), bed["particles"])
+}
+
 pub fn json(rows: &[Row], args: &BenchArgs, device: &str) -> Result<Value, BenchError> {
     let mut beds = Vec::new();
     for r in rows {
         let [least, largest] = r.range();
-        let drum = r.bed.drum()?.map(|drum| {
-            json!({
-                "radius_m": drum.radius,
-                "length_m": drum.length(),
-                "rate_rad_per_s": drum.rate(),
-                "froude": FROUDE,
-            })
-        });
-        let tool =
-            r.bed.tool()?.map(|tool| json!({ "name": r.bed.mode.name(), "triangles": tool.triangles }));
-        beds.push(json!({
-            "bed": r.bed.kind.name(),
-            "mode": r.bed.mode.name(),
-            "particles": r.bed.count,
-            "worlds": r.worlds,
+        let mut found = bed(&r.bed, r.worlds)?;
+        let measured = json!({
             "lost": r.lost,
-            "radii_m": r.bed.kind.radii(),
-            "grading": r.bed.kind.grading(),
-            "drum": drum,
-            "tool": tool,
-            "material": r.bed.kind.material(),
-            "laws": ["hertz", "mindlin", r.bed.kind.rolling().law],
             "first_step_s": r.first_step,
-            "step_s": r.bed.kind.step(),
             "particle_steps_per_second": {
                 "median": r.median(),
                 "min": least,
@@ -56,7 +83,11 @@ pub fn json(rows: &[Row], args: &BenchArgs, device: &str) -> Result<Value, Bench
             "bytes_per_particle": r.bytes_per_particle,
             "prepared_in_steps": r.prepare_steps,
             "bed_from_cache": r.cached,
-        }));
+        });
+        if let (Value::Object(found), Value::Object(measured)) = (&mut found, measured) {
+            found.extend(measured);
+        }
+        beds.push(found);
     }
     let exponents = Mode::ALL.map(|mode| {
         let fitted = exponents(rows).into_iter().filter(|fit| fit.1 == mode);
@@ -64,18 +95,8 @@ pub fn json(rows: &[Row], args: &BenchArgs, device: &str) -> Result<Value, Bench
     });
     Ok(json!({
         "version": env!("CARGO_PKG_VERSION"),
-        "optimised": !cfg!(debug_assertions),
-        "device": device,
-        "processor": processor(),
-        "threads": rayon::current_num_threads(),
-        "settings": {
-            "steps": args.steps,
-            "warm_up_steps": WARM_UP,
-            "repeat": args.repeat,
-            "sample_every_steps": SAMPLE_STEPS,
-            "energy_ledger": args.ledger,
-            "integrator": "euler",
-        },
+        "settings": settings(args, device),
+        "repeat": args.repeat,
         "beds": beds,
         "cost_exponent": exponents.into_iter().collect::<serde_json::Map<_, _>>(),
     }))

@@ -96,6 +96,7 @@ pub fn main() -> ExitCode {
         Verb::Bench(args) => match crate::bench::run(&args, &ui) {
             Ok(()) => Ok(Ended::Done),
             Err(BenchError::Device(why)) => Err(why.into()),
+            Err(why @ BenchError::Compare { .. }) => Err(Problem::Input(why.to_string())),
             Err(e) => Err(Problem::Failed(e.to_string())),
         },
         Verb::Devices(_) => {

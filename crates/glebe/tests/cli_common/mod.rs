@@ -7,9 +7,12 @@
     reason = "helpers of tests fail by panicking, and no test uses all"
 )]
 
+pub mod disk;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant, SystemTime};
 
 use serde_json::Value;
 use tempfile::TempDir;
@@ -133,6 +136,46 @@ impl Place {
         Ended::of(&self.command(args).output().unwrap())
     }
 
+    /// Runs a command that goes on where it was, until it ends, and kills it so many times before: in turn at a time by
+    /// chance, and as soon as a file is half-written in each of the `folders`. Tells how often one was left so in each.
+    pub fn killed_again_and_again(&self, args: &[&str], folders: &[&str], kills: usize) -> Vec<usize> {
+        let (mut killed, mut torn) = (0, vec![0; folders.len()]);
+        let begun = Instant::now();
+        loop {
+            let mut child = self.command(args).spawn().unwrap();
+            let (started, at) = (Instant::now(), some_time(60));
+            let folder = (killed % (folders.len() + 1)).checked_sub(1);
+            while child.try_wait().unwrap().is_none() {
+                let due = match folder {
+                    None => started.elapsed() >= at,
+                    Some(k) => {
+                        started.elapsed() >= Duration::from_millis(20) && self.half_written(folders[k])
+                    }
+                };
+                if due && killed < kills {
+                    child.kill().unwrap();
+                }
+            }
+            let ended = Ended::of(&child.wait_with_output().unwrap());
+            if ended.code == 0 {
+                assert!(2 * killed > kills, "it was killed {killed} times only");
+                return torn;
+            }
+            ended.expect(-1);
+            if let Some(k) = folder {
+                torn[k] += usize::from(self.half_written(folders[k]));
+            }
+            killed += 1;
+            assert!(begun.elapsed() < Duration::from_secs(60), "no end after {killed} kills");
+        }
+    }
+
+    /// Whether a file is being written in a folder, or was when its writer was killed.
+    fn half_written(&self, folder: &str) -> bool {
+        let partial = |e: fs::DirEntry| e.file_name().to_string_lossy().starts_with(".glebe-partial-");
+        fs::read_dir(self.path(folder)).is_ok_and(|all| all.flatten().any(partial))
+    }
+
     pub fn summary(&self, out: &str) -> Value {
         json(&fs::read_to_string(self.path(out).join("summary.json")).unwrap())
     }
@@ -183,6 +226,12 @@ pub fn json(text: &str) -> Value {
 /// Columns of a series, by name.
 pub fn series(out: &Path) -> glebe::io::output::series::Series {
     glebe::io::output::series::Series::read(&out.join("series.csv")).unwrap()
+}
+
+/// A moment that is another in every run of the test \[ms\].
+pub fn some_time(most: u32) -> Duration {
+    let nanos = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().subsec_nanos();
+    Duration::from_millis(u64::from(nanos / 1000 % most))
 }
 
 /// Sends a signal, such as `-INT`, to a program that runs.

@@ -263,10 +263,13 @@ impl Reader<'_> {
                 );
             }
         };
-        asks("strain", strained);
-        asks("pressure", isotropic);
-        if !strained && record.written("cycles") {
-            asks("cycles", false);
+        // What an unknown program needs nobody knows.
+        if record.has("program") {
+            asks("strain", strained);
+            asks("pressure", isotropic);
+            if !strained && record.written("cycles") {
+                asks("cycles", false);
+            }
         }
         let pressure = record.number("pressure");
         if isotropic && pressure == consolidated {

@@ -348,7 +348,11 @@ impl Lanes {
 
     #[inline(always)]
     fn slide<const ACCOUNTS: bool>(&mut self, used: usize, offset: usize, friction: &Friction, dt: f32) {
-        let history = &mut self.history[offset..offset + 4];
+        // Copies: where the spring stands in the lanes' history is not known when this is compiled, and a loop that writes
+        // to such a place, or reads what such a write might change, does not vectorise.
+        let mut history = [[0.0; LANES]; 4];
+        history.copy_from_slice(&self.history[offset..offset + 4]);
+        let friction = *friction;
         for l in 0..used {
             let n = V3 { x: self.n[0][l], y: self.n[1][l], z: self.n[2][l] };
             let spin = plus(at(&self.w[0], l), at(&self.w[1], l));
@@ -357,7 +361,7 @@ impl Lanes {
             let spring =
                 tangential::Spring { stiffness: self.spring_stiffness[l], damping: self.spring_damping[l] };
             let load = self.elastic[l] + self.viscous[l];
-            let t = slide(stretch, history[3][l], spring, *friction, load, at(&self.vt, l), dt);
+            let t = slide(stretch, history[3][l], spring, friction, load, at(&self.vt, l), dt);
             let touch = self.delta[l] >= 0.0;
             let spring = [t.stretch.x, t.stretch.y, t.stretch.z, t.slip];
             for (lane, x) in history.iter_mut().zip(spring) {
@@ -380,6 +384,7 @@ impl Lanes {
             self.energy_before[l] = t.energy_before;
             self.friction_loss[l] = t.friction_loss;
         }
+        self.history[offset..offset + 4].copy_from_slice(&history);
     }
 }
 
