@@ -13,7 +13,7 @@ use crate::measure::Interior;
 use crate::setup::{Constants, prepare};
 use crate::spec::{Action, Pose, Until, Vec3, WorldSpec};
 use crate::speed::too_fast;
-use crate::state::{Ledger, MeasureState, Progress, StageResult, State, draught};
+use crate::state::{Bonds, Ledger, MeasureState, Progress, StageResult, State, draught};
 
 /// Steps after which a stage that waits for a low kinetic energy may end though it was never above it.
 const PATIENCE: u64 = 100;
@@ -58,6 +58,8 @@ pub struct Sample {
     pub speed: f64,
     /// Particles in the world.
     pub particles: usize,
+    /// Bonds made and broken so far.
+    pub bonds: Bonds,
     /// Each surface of the specification.
     pub surfaces: Vec<SurfaceSample>,
     /// Stress, strain and fabric of a sample ([`Constants::is_sample`]).
@@ -419,6 +421,7 @@ impl Batch {
                         positions(&c, &state).iter().map(|x| dot(*x, *axis) <= *limit).collect();
                     removed += state.remove(&keep);
                 }
+                Action::Bond => state.bond(&c),
             }
         }
         state.progress.stale = true;
@@ -588,6 +591,7 @@ impl World {
             overlap: m.overlap,
             speed: m.speed,
             particles: self.particles,
+            bonds: g.bonds,
             surfaces,
             interior: m.tensors.map(|t| Interior::new(&t, &cell, &strain)),
         }

@@ -14,6 +14,7 @@ pub mod spec;
 pub mod state;
 pub mod surface;
 
+mod bonds;
 mod bytes;
 mod failure;
 mod setup;

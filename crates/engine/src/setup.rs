@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use glebe_physics as physics;
-use glebe_physics::{Impact, Laws, Layout, PairCoefficients, PairLaws, PairOverride, PairProperties};
+use glebe_physics::{Impact, Laws, Layout, PairCoefficients, PairLaws, PairOverride, PairProperties, Slot};
 
+use crate::bonds;
 use crate::cell::{self, Cell};
 use crate::failure::SetupError;
 use crate::lattice::{Lattice, Vec3x3, add, cross, dot, mul, norm, scale, sub};
@@ -144,6 +145,10 @@ impl Constants {
         let moves = self.spec.stages.get(stage).map_or(&[][..], |st| &st.moves);
         moves.iter().find(|(k, _)| *k == s).map_or(&self.spec.surfaces[s].motion, |(_, m)| m)
     }
+    /// Whether particles may be bonded.
+    pub fn bonds(&self) -> bool {
+        !self.layout.place(Slot::Bond).is_empty()
+    }
     /// Whether any surface moves in any stage.
     pub fn moves(&self) -> bool {
         let own = self.spec.surfaces.iter().map(|s| &s.motion);
@@ -229,7 +234,8 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
             layout.floats()
         )));
     }
-    let range = pairs.iter().map(|p| p.range).fold(0.0, f64::max);
+    bonds::check(&spec, &pairs, radius_min)?;
+    let range = pairs.iter().map(|p| p.range.max(p.bond_range)).fold(0.0, f64::max);
     let cutoff = 2.0 * radius_max + range + SKIN_MAX * radius_mean;
     let window = if spec.stages.iter().any(|s| s.deformation.is_some()) { cell::WINDOW } else { 2.5 };
     let lattice = Lattice::new(&spec.domain, cutoff, window)
@@ -431,7 +437,7 @@ fn check_references(spec: &WorldSpec) -> Result<(), SetupError> {
         let named = stage.moves.iter().map(|m| m.0).chain(stage.measures.iter().map(|m| m.surface));
         let acted = stage.actions.iter().filter_map(|a| match a {
             Action::Insert(s) | Action::Withdraw(s) => Some(*s),
-            Action::RemoveBeyond { .. } => None,
+            Action::RemoveBeyond { .. } | Action::Bond => None,
         });
         if named.chain(acted).any(|s| s >= surfaces) {
             return bad(format!("the stage `{}` names a surface that does not exist", stage.name));
@@ -698,6 +704,7 @@ fn step_limits(spec: &WorldSpec, set: &ParticleSet, pairs: &[PairCoefficients]) 
             }
             for i in impacts {
                 collision = collision.min(pair.laws.normal.collision_time(&pair.normal, &i, speed));
+                collision = collision.min(pair.laws.bond.collision_time(&pair.bond, &i, speed));
             }
         }
     }

@@ -386,6 +386,8 @@ pub enum Action {
     Insert(usize),
     /// Makes a surface absent.
     Withdraw(usize),
+    /// Bonds particles as the law of bonds of their materials says.
+    Bond,
 }
 
 /// When a stage ends: at the first that holds.

@@ -91,7 +91,7 @@ pub(crate) fn check(c: &Constants) -> Result<Vec<String>, SetupError> {
             match action {
                 Action::Insert(s) => present[*s] = true,
                 Action::Withdraw(s) => present[*s] = false,
-                Action::RemoveBeyond { .. } => {}
+                Action::RemoveBeyond { .. } | Action::Bond => {}
             }
         }
         for s in (0..surfaces.len()).filter(|s| present[*s] && !stage.only_acts()) {

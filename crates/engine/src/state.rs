@@ -259,6 +259,22 @@ pub struct StageResult {
     pub measures: Vec<MeasureState>,
 }
 
+/// Bonds between particles so far. Those that went with particles that left are neither whole nor broken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Bonds {
+    /// How many were made.
+    pub made: u64,
+    /// How many broke.
+    pub broken: u64,
+}
+
+impl Bonds {
+    /// Whether there were none.
+    pub fn none(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// The part of the state that is not columns.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
@@ -308,6 +324,9 @@ pub struct Progress {
     pub samples: u64,
     /// Frames taken.
     pub frames: u64,
+    /// Bonds.
+    #[serde(default, skip_serializing_if = "Bonds::none")]
+    pub bonds: Bonds,
     /// The cell, where it deforms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell: Option<Cell>,

@@ -14,7 +14,7 @@ use glebe_engine::spec::{
 };
 use glebe_engine::state::StageResult;
 use glebe_engine::{SetupError, prepare};
-use glebe_physics::{History, IntegratorKind, Material};
+use glebe_physics::{History, IntegratorKind, LawChoice, Material};
 
 /// Everything that a batch reports of its first world.
 #[derive(Default)]
@@ -198,4 +198,45 @@ fn the_ledger_closes_with_unbounded_history() {
     assert!(ledger.friction > 0.0 && ledger.dissipated() > 1e-3 * ledger.initial);
     let open = ledger.integrator().abs() / ledger.dissipated();
     assert!(open < 0.01, "open by {open} of the dissipated energy: {ledger:?}");
+}
+
+/// Bonds are made by a stage, hold from then on, and are counted; without a law of bonds such a stage is refused.
+#[test]
+fn a_stage_bonds_particles() {
+    let mut w = world();
+    w.particles = ParticleSet::default();
+    for k in 0..4 {
+        let v = [0.0, 0.0, if k == 0 { -0.1 } else { 0.1 }];
+        w.particles.push_moving([0.5, 0.5, 0.3 + 0.0401 * f64::from(k)], 0.02, 0, v, [0.0; 3]);
+    }
+    w.time.step = Step::Fixed(1e-6);
+    let bond = Stage { actions: vec![Action::Bond], ..stage("held", 0.01) };
+    w.stages = vec![stage("free", 1e-3), bond];
+    let error = prepare(w.clone()).err().unwrap().to_string();
+    assert!(error.contains("`held`") && error.contains("contact.bond"), "{error}");
+    let law = |strength: f64| {
+        LawChoice::named("parallel")
+            .with("normal_stiffness", 1e9)
+            .with("shear_stiffness", 1e9)
+            .with("tensile_strength", strength)
+            .with("shear_strength", 1e6)
+            .with("gap", 5e-4)
+    };
+    w.contact.bond = law(1e6);
+    let held = run(w.clone()).samples;
+    let at = |time: f64| held.iter().find(|s| s.time > time).unwrap().bonds;
+    assert_eq!((at(0.0).made, at(2e-3).made, at(9e-3).broken), (0, 3, 0));
+    // The lowest flies on alone where its bond cannot stop it.
+    w.contact.bond = law(2e4);
+    let torn = run(w.clone());
+    let last = torn.samples.last().unwrap();
+    assert_eq!((last.bonds.made, last.bonds.broken), (3, 1));
+    let open = last.ledger.integrator().abs() / last.ledger.initial;
+    // The integrator is off by force · speed · step / 2 where the force ends.
+    assert!(open < 2e-3, "open by {open} of the energy: {:?}", last.ledger);
+    assert!(last.ledger.friction > 0.0);
+    // A gap or a stretch that lists do not reach.
+    w.contact.bond = law(1e9);
+    let error = prepare(w).err().unwrap().to_string();
+    assert!(error.contains("tensile_strength over normal_stiffness"), "{error}");
 }

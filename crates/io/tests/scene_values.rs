@@ -232,6 +232,35 @@ fn laws_take_units_of_adhesion() {
     assert_eq!(sjkr, LawChoice::named("sjkr").with("energy_density", 2e4));
 }
 
+/// A law of bonds, for all pairs but one, and the stage that makes them.
+#[test]
+fn bonds_have_a_law_and_a_stage() {
+    let text = edited("[pair.soil-steel]", "[pair.soil-steel]\ncontact.bond = \"none\"");
+    let scene = with(
+        &text,
+        &[
+            "contact.bond.parallel.normal_stiffness='10 GN/m^3'",
+            "contact.bond.parallel.shear_stiffness='4 GN/m^3'",
+            "contact.bond.parallel.tensile_strength='100 kPa'",
+            "contact.bond.parallel.shear_strength=2e5",
+            "contact.bond.parallel.gap='0.1 mm'",
+            "stage.till.bond=true",
+        ],
+    );
+    let law = LawChoice::named("parallel").with("normal_stiffness", 1e10).with("shear_stiffness", 4e9);
+    let law = law.with("tensile_strength", 1e5).with("shear_strength", 2e5).with("gap", 1e-4);
+    assert_eq!(scene.contact.bond, law);
+    assert_eq!(scene.pairs[0].values.laws.bond, Some(LawChoice::named("none")));
+    let bonding: Vec<_> = scene.stages.iter().filter(|s| s.bond).map(|s| s.name.value.as_str()).collect();
+    assert_eq!(bonding, ["till"]);
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    let law = "parallel = { normal_stiffness = 1e10, shear_stiffness = 1e9, tensile_strength = 1e5, shear_strength = 1e5 }";
+    let unmade =
+        parse(&edited("[pair.soil-steel]", &format!("[pair.soil-steel]\ncontact.bond = {{ {law} }}")));
+    let [warning] = &unmade.warnings[..] else { panic!("{:?}", unmade.warnings) };
+    assert_eq!(warning.message(), "a law of bonds is chosen, but no stage bonds particles");
+}
+
 #[test]
 fn pairs_of_names_with_dashes_are_told_apart() {
     let text = edited(

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use crate::kernel::bond::BondLaw;
 use crate::kernel::cohesion::CohesionLaw;
 use crate::kernel::normal::NormalLaw;
 use crate::kernel::rolling::RollingLaw;
@@ -19,11 +20,13 @@ pub enum Slot {
     Rolling,
     /// Cohesive force.
     Cohesion,
+    /// Bond between particles.
+    Bond,
 }
 
 impl Slot {
     /// Every slot.
-    pub const ALL: [Self; 4] = [Self::Normal, Self::Tangential, Self::Rolling, Self::Cohesion];
+    pub const ALL: [Self; 5] = [Self::Normal, Self::Tangential, Self::Rolling, Self::Cohesion, Self::Bond];
 
     /// Name in a scene.
     pub const fn name(self) -> &'static str {
@@ -32,6 +35,7 @@ impl Slot {
             Self::Tangential => "tangential",
             Self::Rolling => "rolling",
             Self::Cohesion => "cohesion",
+            Self::Bond => "bond",
         }
     }
 }
@@ -43,6 +47,7 @@ pub fn laws(slot: Slot) -> &'static [LawInfo] {
         Slot::Tangential => TangentialLaw::INFO,
         Slot::Rolling => RollingLaw::INFO,
         Slot::Cohesion => CohesionLaw::INFO,
+        Slot::Bond => BondLaw::INFO,
     }
 }
 
@@ -57,6 +62,8 @@ pub struct Laws {
     pub rolling: RollingLaw,
     /// Cohesion.
     pub cohesion: CohesionLaw,
+    /// Bonds.
+    pub bond: BondLaw,
 }
 
 /// The coefficients of one pair of materials, before rounding to a device's precision.
@@ -72,6 +79,10 @@ pub struct PairCoefficients {
     pub rolling: [f64; 4],
     /// Of the law of cohesion.
     pub cohesion: [f64; 4],
+    /// Of the law of bonds.
+    pub bond: [f64; 4],
+    /// What bonds withstand.
+    pub strength: [f64; 4],
     /// Sliding and static friction.
     pub friction: [f64; 2],
     /// 1 if the spring is kept from step to step.
@@ -82,6 +93,8 @@ pub struct PairCoefficients {
     pub clip: f64,
     /// Distance beyond touch up to which cohesion acts \[m\].
     pub range: f64,
+    /// Distance beyond touch up to which bonds may act \[m\].
+    pub bond_range: f64,
 }
 
 impl Laws {
@@ -92,6 +105,7 @@ impl Laws {
             tangential: TangentialLaw::ALL[find(Slot::Tangential, &model.tangential)?],
             rolling: RollingLaw::ALL[find(Slot::Rolling, &model.rolling)?],
             cohesion: CohesionLaw::ALL[find(Slot::Cohesion, &model.cohesion)?],
+            bond: BondLaw::ALL[find(Slot::Bond, &model.bond)?],
         })
     }
 
@@ -103,6 +117,7 @@ impl Laws {
             Slot::Tangential => self.tangential.history(),
             Slot::Rolling => self.rolling.history(),
             Slot::Cohesion => self.cohesion.history(),
+            Slot::Bond => self.bond.history(),
         }
     }
 
@@ -134,19 +149,30 @@ impl Laws {
             self.tangential.prepare(&of(model, pair, self.tangential.info(), &model.tangential))?;
         let rolling = self.rolling.prepare(&of(model, pair, self.rolling.info(), &model.rolling))?;
         let cohesion = self.cohesion.prepare(&of(model, pair, self.cohesion.info(), &model.cohesion))?;
+        let of_bond = of(model, pair, self.bond.info(), &model.bond);
+        let (bond, strength) = (self.bond.prepare(&of_bond)?, self.bond.strength(&of_bond));
         Ok(PairCoefficients {
             laws: *self,
             normal,
             tangential,
             rolling,
             cohesion,
+            bond,
+            strength,
             friction: [pair.friction, pair.static_friction],
             remember: f64::from(u8::from(model.history != History::None)),
             truncate: f64::from(u8::from(model.history != History::Unbounded)),
             clip: f64::from(u8::from(model.end == ContactEnd::NoTension)),
             range: self.cohesion.range(&cohesion, radius),
+            bond_range: bond_range(&bond, &strength, radius),
         })
     }
+}
+
+/// How far apart bonded particles of radii up to `radius` may come, and a little more, so that bonds are seen to break: a
+/// bond that nothing but tension acts on breaks last.
+fn bond_range(bond: &[f64; 4], strength: &[f64; 4], radius: f64) -> f64 {
+    if bond[0] > 0.0 { bond[3] + 1.05 * strength[0] / bond[0] + 0.01 * radius } else { 0.0 }
 }
 
 /// Where the floats of each slot stand among those that a contact remembers. All contacts of a world have as many, also
@@ -158,7 +184,7 @@ pub struct Layout {
 
 impl Layout {
     /// The tangential spring comes first: of most worlds it is all that is remembered.
-    const ORDER: [Slot; 4] = [Slot::Tangential, Slot::Rolling, Slot::Normal, Slot::Cohesion];
+    const ORDER: [Slot; 5] = [Slot::Tangential, Slot::Rolling, Slot::Normal, Slot::Cohesion, Slot::Bond];
 
     /// For contacts of any of these laws.
     pub fn of(laws: &[Laws]) -> Self {

@@ -12,6 +12,8 @@ pub struct ContactModel {
     pub rolling: LawChoice,
     /// Law of cohesion.
     pub cohesion: LawChoice,
+    /// Law of bonds between particles.
+    pub bond: LawChoice,
     /// What a contact does when the dashpot outweighs the spring.
     pub end: ContactEnd,
     /// What becomes of the tangential spring when a contact slips.
@@ -25,6 +27,7 @@ impl Default for ContactModel {
             tangential: LawChoice::named("mindlin"),
             rolling: LawChoice::named("none"),
             cohesion: LawChoice::named("none"),
+            bond: LawChoice::named("none"),
             end: ContactEnd::default(),
             history: History::default(),
         }
@@ -43,6 +46,8 @@ pub struct PairLaws {
     pub rolling: Option<LawChoice>,
     /// Law of cohesion.
     pub cohesion: Option<LawChoice>,
+    /// Law of bonds between particles.
+    pub bond: Option<LawChoice>,
 }
 
 impl ContactModel {
@@ -54,6 +59,7 @@ impl ContactModel {
             tangential: or(&own.tangential, &self.tangential),
             rolling: or(&own.rolling, &self.rolling),
             cohesion: or(&own.cohesion, &self.cohesion),
+            bond: or(&own.bond, &self.bond),
             end: self.end,
             history: self.history,
         }
@@ -151,7 +157,7 @@ pub enum LawError {
     /// No such law.
     #[error("there is no {slot} law named `{name}`; known are {known}")]
     Unknown {
-        /// normal, tangential, rolling or cohesion
+        /// normal, tangential, rolling, cohesion or bond
         slot: &'static str,
         /// As written.
         name: String,
@@ -252,11 +258,15 @@ impl Preparation<'_> {
 pub trait Law {
     /// Name, source, parameters.
     const INFO: LawInfo;
-    /// What is remembered per contact, at most four floats: for each the sign that it takes when the two bodies change
+    /// What is remembered per contact, at most four floats but for bonds: for each the sign that it takes when the two bodies change
     /// roles.
     const HISTORY: &'static [f64] = &[];
     /// The coefficients for a pair.
     fn prepare(p: &Preparation<'_>) -> Result<[f64; 4], LawError>;
+    /// What a bond withstands; other laws have none.
+    fn strength(_p: &Preparation<'_>) -> [f64; 4] {
+        [0.0; 4]
+    }
     /// Whether stiffness follows from the materials, so that the Rayleigh time limits the step.
     const FROM_MATERIAL: bool = true;
     /// Duration of an elastic impact at `speed` \[m/s\]; infinite for laws that do not limit the step.

@@ -55,6 +55,10 @@ macro_rules! slot_enum {
             pub fn prepare(self, p: &crate::Preparation<'_>) -> Result<[f64; 4], crate::LawError> {
                 match self { $(Self::$law => <$file::$law as crate::Law>::prepare(p)),* }
             }
+            /// See [`Law::strength`](crate::Law::strength).
+            pub fn strength(self, p: &crate::Preparation<'_>) -> [f64; 4] {
+                match self { $(Self::$law => <$file::$law as crate::Law>::strength(p)),* }
+            }
             /// See [`Law::FROM_MATERIAL`](crate::Law::FROM_MATERIAL).
             pub fn from_material(self) -> bool {
                 match self { $(Self::$law => <$file::$law as crate::Law>::FROM_MATERIAL),* }

@@ -5,6 +5,7 @@
 
 use std::f64::consts::PI;
 
+use glebe_physics::kernel64::bond::{Bond, BondLaw, Held, Hold, Parting, Visitor as OfBond};
 use glebe_physics::kernel64::cohesion::{Attraction, Cohesion, CohesionLaw, Visitor as OfCohesion};
 use glebe_physics::kernel64::contact::{Coefficients, Memory, Touch, nothing, pressed};
 use glebe_physics::kernel64::normal::{Normal, NormalForce, NormalLaw, Visitor as OfNormal};
@@ -458,16 +459,128 @@ fn moments_have_limits() {
 /// Contacts of a world share places for what laws of a slot remember, whichever the laws of their materials are.
 #[test]
 fn what_laws_of_a_slot_remember_has_the_same_signs() {
-    let histories: [Vec<&[f64]>; 4] = [
+    let histories: [Vec<&[f64]>; 5] = [
         NormalLaw::ALL.iter().map(|l| l.history()).collect(),
         TangentialLaw::ALL.iter().map(|l| l.history()).collect(),
         RollingLaw::ALL.iter().map(|l| l.history()).collect(),
         CohesionLaw::ALL.iter().map(|l| l.history()).collect(),
+        BondLaw::ALL.iter().map(|l| l.history()).collect(),
     ];
     for slot in histories {
         let longest = slot.iter().max_by_key(|h| h.len()).unwrap();
         for history in &slot {
             assert!(longest.starts_with(history), "{history:?} beside {longest:?}");
         }
+    }
+}
+
+struct Holding<'a>(&'a PairCoefficients, Parting, Held);
+
+impl OfBond for Holding<'_> {
+    type Output = Hold;
+    fn visit<L: Bond>(self) -> Hold {
+        L::hold(&coefficients(self.0.bond), coefficients(self.0.strength), self.1, self.2)
+    }
+}
+
+/// A bond that is led along one way at a time: force and moment of a beam of its section, the energy of its springs,
+/// and it breaks where the largest stress of the beam reaches the strength, with all that it held.
+#[test]
+fn a_parallel_bond_is_a_beam_until_it_breaks() {
+    let (kn, ks, tensile, shear, share, beta) = (1e10, 4e9, 2e5, 1e5, 0.7, 0.6);
+    let bond = LawChoice::named("parallel")
+        .with("normal_stiffness", kn)
+        .with("shear_stiffness", ks)
+        .with("tensile_strength", tensile)
+        .with("shear_strength", shear)
+        .with("radius", share)
+        .with("moment_contribution", beta);
+    let model = ContactModel { bond, ..ContactModel::default() };
+    let (laws, pair) = prepared(&model, &PairOverride::default());
+    let law = BondLaw::ALL[laws.bond as usize];
+    let r = share * RADIUS;
+    let (area, inertia) = (PI * r * r, 0.25 * PI * r.powi(4));
+    let rest = 2.02 * RADIUS;
+    // Leads the bond to what it bears times `part` in 1000 steps.
+    let led = |u: f64, rate: [f64; 3], part: f64| {
+        let mut held = Held { rest, ..Held::default() };
+        let mut last = Hold::default();
+        for k in 1..=1000 {
+            let now = part * f64::from(k) / 1000.0;
+            let [slide, bend, twist] = rate.map(|x| 0.5 * part * x / 1000.0);
+            let parting = Parting {
+                n: v3(1.0, 0.0, 0.0),
+                delta: 2.0 * RADIUS - rest - now * u,
+                r_i: RADIUS,
+                r_j: RADIUS,
+                vt: v3(0.0, 2.0 * slide, 0.0),
+                wi: v3(twist, 0.0, bend),
+                wj: v3(-twist, 0.0, -bend),
+                dt: 1.0,
+            };
+            last = law.visit(Holding(&pair, parting, held));
+            if last.broke > 0.0 {
+                return (last, k);
+            }
+            held = last.held;
+        }
+        (last, 1000)
+    };
+    let cases = [
+        ("tension", tensile / kn, [0.0; 3], tensile * area, 0.0),
+        ("shear", 0.0, [shear / ks, 0.0, 0.0], shear * area, 0.0),
+        ("bending", 0.0, [0.0, tensile / (kn * beta * r), 0.0], 0.0, tensile * inertia / (beta * r)),
+        ("twist", 0.0, [0.0, 0.0, shear / (ks * beta * r)], 0.0, 2.0 * shear * inertia / (beta * r)),
+    ];
+    for (name, u, rate, force, moment) in cases {
+        let (b, _) = led(u, rate, 0.999);
+        let size = |v: glebe_physics::kernel64::vector::V3| (v.x * v.x + v.y * v.y + v.z * v.z).sqrt();
+        assert_eq!(b.broke, 0.0, "{name}");
+        assert!((size(b.force) - 0.999 * force).abs() < 1e-12 * tensile * area, "{name}: {:?}", b.force);
+        assert!(
+            (size(b.moment) - 0.999 * moment).abs() < 1e-12 * tensile * area * r,
+            "{name}: {:?}",
+            b.moment
+        );
+        let way = size(v3(u, rate[0], 0.0)) * force + size(v3(0.0, rate[1], rate[2])) * moment;
+        near(b.energy, 0.5 * way * 0.999 * 0.999, 1e-6);
+        let (b, k) = led(u, rate, 1.001);
+        assert_eq!((b.broke, b.energy, b.held), (1.0, 0.0, Held::default()), "{name} at {k}");
+        assert!(k >= 998 && b.lost > 0.4999 * way && b.lost < 0.502 * way, "{name}: {:e} J", b.lost);
+        assert_eq!((size(b.force), size(b.moment)), (0.0, 0.0), "{name}");
+    }
+    // It pulls i towards j, and pushes when pressed, which breaks it not.
+    let (b, _) = led(tensile / kn, [0.0; 3], 0.5);
+    assert!(b.force.x > 0.0);
+    let (b, _) = led(-10.0 * tensile / kn, [0.0; 3], 1.0);
+    assert!(b.force.x < 0.0 && b.broke == 0.0);
+}
+
+/// Hertz's dashpot is that of Tsuji et al. (1992) with α = √5 β.
+#[test]
+fn hertz_has_the_dashpot_of_tsuji() {
+    let e: f64 = 0.4;
+    let over = PairOverride { restitution: Some(e), ..PairOverride::default() };
+    let (laws, pair) = prepared(&ContactModel::default(), &over);
+    let ln = e.ln();
+    let beta = -ln / ln.hypot(PI);
+    for delta in [1e-6, 1e-5, 1e-4] {
+        let pressed = Touch { vn: 0.3, ..touch(delta) };
+        let k = 4.0 / 3.0 * e_star() * R_EFF.sqrt();
+        let tsuji = 5.0_f64.sqrt() * beta * (pressed.m_eff * k).sqrt() * delta.powf(0.25) * pressed.vn;
+        near(
+            NormalLaw::ALL[laws.normal as usize].visit(Damp(&coefficients(pair.normal), pressed)),
+            tsuji,
+            1e-12,
+        );
+    }
+}
+
+struct Damp<'a>(&'a Coefficients, Touch);
+
+impl OfNormal for Damp<'_> {
+    type Output = f64;
+    fn visit<L: Normal>(self) -> f64 {
+        L::force(self.0, self.1, nothing()).viscous
     }
 }

@@ -77,7 +77,8 @@ fn index() -> String {
                     [pair.soil-soil.contact]\nnormal = { eepa = { plasticity = 0.6, adhesion = 0.3 } }\nrolling = \
                     \"epsd\"\n```\n\nThe CPU takes any number of laws. On a device a world has at most two laws in \
                     each slot; `glebe check --device` says so\nwhere there are more. What all pairs remember together \
-                    has to fit into 12 numbers per contact.\n"
+                    has to fit into 12 numbers per contact.\n\nParticles may be bonded \
+                    besides (`contact.bond`): a stage with `bond = true` makes the bonds.\n"
         .to_owned();
     for slot in Slot::ALL {
         write!(text, "\n## {}\n\n| law | |\n|---|---|\n", slot.name()).unwrap();

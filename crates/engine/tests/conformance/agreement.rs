@@ -193,6 +193,7 @@ pub fn trajectories_with_laws_by_pair_equal_the_reference(on: &Subject) {
         tangential: Some(LawChoice::named("linear").with("stiffness", 2e3)),
         rolling: Some(LawChoice::named("constant-torque")),
         cohesion: Some(LawChoice::named("constant").with("force", 1e-3)),
+        bond: None,
     };
     let rolling = LawChoice::named("moment-rotation");
     let mut w = world(ContactModel { rolling, ..ContactModel::default() }, 1);

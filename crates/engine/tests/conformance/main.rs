@@ -10,6 +10,7 @@
 mod adhesion;
 mod agreement;
 mod bits;
+mod bonds;
 mod conservation;
 mod convergence;
 mod deforming;
@@ -134,6 +135,22 @@ macro_rules! backend_suite {
     };
 }
 
+/// Bonds, which devices refuse.
+macro_rules! bonds_suite {
+    ($module:ident, $subject:expr) => {
+        mod $module {
+            tests! { $subject, {};
+                bonds::a_cantilever_bends_as_its_bonds_say,
+                bonds::bonds_break_at_their_strength,
+                bonds::a_bonded_body_keeps_momentum_and_energy,
+                bonds::broken_bonds_stay_broken_after_a_checkpoint,
+                bonds::a_breaking_body_equals_the_reference,
+                bonds::bonds_are_made_by_pair_within_the_gap,
+            }
+        }
+    };
+}
+
 /// What a backend has to have in common with the reference, and the bits that its threads may not change.
 macro_rules! agreement_suite {
     ($module:ident, $subject:expr, $slow:tt) => {
@@ -157,6 +174,8 @@ macro_rules! agreement_suite {
 
 backend_suite!(cpu, Some(&crate::support::CPU), {});
 backend_suite!(reference, Some(&crate::support::REFERENCE), {});
+bonds_suite!(bonds_on_cpu, Some(&crate::support::CPU));
+bonds_suite!(bonds_on_reference, Some(&crate::support::REFERENCE));
 agreement_suite!(cpu_against_reference, Some(&crate::support::CPU), {});
 #[cfg(feature = "gpu")]
 backend_suite!(gpu, crate::support::gpu(), { #[ignore = "minutes on a software device: for hardware, with --include-ignored"] });

@@ -33,6 +33,7 @@ fn own(m: ContactModel) -> PairOverride {
         tangential: Some(m.tangential),
         rolling: Some(m.rolling),
         cohesion: Some(m.cohesion),
+        bond: None,
     };
     PairOverride { laws, ..PairOverride::default() }
 }

@@ -264,7 +264,7 @@ pub fn choice(info: &LawInfo) -> LawChoice {
 pub fn each_law() -> Vec<ContactModel> {
     let base = ContactModel { rolling: LawChoice::named("constant-torque"), ..ContactModel::default() };
     let mut models = Vec::new();
-    for slot in Slot::ALL {
+    for slot in SLOTS {
         for info in laws(slot) {
             let mut m = base.clone();
             *slot_of(&mut m, slot) = choice(info);
@@ -277,10 +277,13 @@ pub fn each_law() -> Vec<ContactModel> {
 /// The same, but on a software device that nobody named only the laws whose kernels its compiler has time for.
 pub fn each_law_for(on: &Subject) -> Vec<ContactModel> {
     let known = |m: &ContactModel| {
-        Slot::ALL.iter().all(|slot| USUAL.contains(&slot_of(&mut m.clone(), *slot).law.as_str()))
+        SLOTS.iter().all(|slot| USUAL.contains(&slot_of(&mut m.clone(), *slot).law.as_str()))
     };
     each_law().into_iter().filter(|m| on.every_law || known(m)).collect()
 }
+
+/// The slots that act in every contact; bonds have to be made (`bonds.rs`).
+const SLOTS: [Slot; 4] = [Slot::Normal, Slot::Tangential, Slot::Rolling, Slot::Cohesion];
 
 /// Laws that are tested on every device.
 pub const USUAL: [&str; 6] = ["hertz", "linear", "mindlin", "none", "constant-torque", "constant"];
@@ -291,7 +294,7 @@ pub const YIELDING: [&str; 2] = ["luding", "eepa"];
 /// Combinations of registered laws in which every two laws of different slots meet.
 pub fn combinations() -> Vec<ContactModel> {
     let mut models = vec![ContactModel::default()];
-    for slot in Slot::ALL {
+    for slot in SLOTS {
         models = models
             .iter()
             .flat_map(|m| {
@@ -304,7 +307,7 @@ pub fn combinations() -> Vec<ContactModel> {
             .collect();
     }
     let meetings = |m: &ContactModel| {
-        let names = Slot::ALL.map(|slot| slot_of(&mut m.clone(), slot).law.clone());
+        let names = SLOTS.map(|slot| slot_of(&mut m.clone(), slot).law.clone());
         let pairs = (0..4).flat_map(|a| (a + 1..4).map(move |b| (a, b)));
         pairs.map(|(a, b)| (a, b, names[a].clone(), names[b].clone())).collect::<Vec<_>>()
     };
@@ -329,6 +332,7 @@ fn slot_of(m: &mut ContactModel, slot: Slot) -> &mut LawChoice {
         Slot::Tangential => &mut m.tangential,
         Slot::Rolling => &mut m.rolling,
         Slot::Cohesion => &mut m.cohesion,
+        Slot::Bond => &mut m.bond,
     }
 }
 

@@ -21,6 +21,8 @@ pub(super) struct Recorder {
     frames: FrameWriter,
     /// Surface of each part of a frame, and its mesh; the particles come first.
     meshes: Vec<(usize, Arc<TriMesh>)>,
+    /// Whether particles may be bonded.
+    bonds: bool,
     /// The last row.
     pub(super) last: Option<Sample>,
     /// Time spent writing.
@@ -35,7 +37,8 @@ impl Recorder {
         after: Option<(u64, u64)>,
     ) -> Result<Self, OutputError> {
         let surfaces = &constants.spec.surfaces;
-        let columns = columns(surfaces.iter().map(|s| s.name.as_str()), constants.is_sample());
+        let columns =
+            columns(surfaces.iter().map(|s| s.name.as_str()), constants.bonds(), constants.is_sample());
         let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
         let shown = |shape: &Shape| match shape {
             Shape::Plane { .. } => None,
@@ -56,7 +59,8 @@ impl Recorder {
                 FrameWriter::resume(dir, &parts, frames)?,
             ),
         };
-        Ok(Self { series, frames, meshes, last: None, time: Duration::ZERO })
+        let bonds = constants.bonds();
+        Ok(Self { series, frames, meshes, bonds, last: None, time: Duration::ZERO })
     }
 
     /// Rows and frames so far, made durable.
@@ -71,7 +75,7 @@ impl Observer for Recorder {
 
     fn sample(&mut self, _: usize, sample: &Sample) -> Result<(), OutputError> {
         let start = Instant::now();
-        self.series.append(&row(sample))?;
+        self.series.append(&row(sample, self.bonds))?;
         self.last = Some(sample.clone());
         self.time += start.elapsed();
         Ok(())
@@ -120,6 +124,7 @@ struct ParticleColumns {
     spin: Vec<[f32; 3]>,
     force: Vec<[f32; 3]>,
     coordination: Vec<u32>,
+    bonds: Option<Vec<u32>>,
 }
 
 impl ParticleColumns {
@@ -133,11 +138,12 @@ impl ParticleColumns {
             spin: p.spin.iter().map(|x| x.w).collect(),
             force: p.force.clone(),
             coordination: frame.detail.coordination.clone(),
+            bonds: frame.state.bonds_of(frame.constants),
         }
     }
 
     fn poly_data<'a>(&'a self, positions: &'a [Vec3]) -> PolyData<'a> {
-        PolyData {
+        let mut data = PolyData {
             points: Values::Vec3F64(positions),
             triangles: None,
             point_data: vec![
@@ -150,7 +156,9 @@ impl ParticleColumns {
                 Column::new("coordination", Values::U32(&self.coordination)),
             ],
             cell_data: Vec::new(),
-        }
+        };
+        data.point_data.extend(self.bonds.iter().map(|bonds| Column::new("bonds", Values::U32(bonds))));
+        data
     }
 }
 
@@ -170,8 +178,9 @@ fn pressures(mesh: &TriMesh, vertices: &[Vec3], forces: &[Vec3]) -> Vec<f32> {
 const SYMMETRIC: [([usize; 2], &str); 6] =
     [([0, 0], "xx"), ([1, 1], "yy"), ([2, 2], "zz"), ([1, 2], "yz"), ([0, 2], "xz"), ([0, 1], "xy")];
 
-/// The names of the series' columns, in the order of [`row`]; those of stress and strain where the world is a `sample`.
-fn columns<'a>(surfaces: impl Iterator<Item = &'a str>, sample: bool) -> Vec<String> {
+/// The names of the series' columns, in the order of [`row`]; those of `bonds` where there may be some, of stress and
+/// strain where the world is a `sample`.
+fn columns<'a>(surfaces: impl Iterator<Item = &'a str>, bonds: bool, sample: bool) -> Vec<String> {
     let mut names: Vec<String> = [
         "time",
         "step",
@@ -199,6 +208,9 @@ fn columns<'a>(surfaces: impl Iterator<Item = &'a str>, sample: bool) -> Vec<Str
     ]
     .map(str::to_owned)
     .into();
+    if bonds {
+        names.extend(["bonds_made", "bonds_broken"].map(str::to_owned));
+    }
     for surface in surfaces {
         let parts = "fx fy fz tx ty tz draught path present x y z qw qx qy qz";
         names.extend(parts.split(' ').map(|part| format!("{surface}.{part}")));
@@ -213,7 +225,7 @@ fn columns<'a>(surfaces: impl Iterator<Item = &'a str>, sample: bool) -> Vec<Str
     names
 }
 
-fn row(s: &Sample) -> Vec<f64> {
+fn row(s: &Sample, bonds: bool) -> Vec<f64> {
     let l = &s.ledger;
     let mut row = vec![
         s.time,
@@ -240,6 +252,9 @@ fn row(s: &Sample) -> Vec<f64> {
         s.overlap,
         s.speed,
     ];
+    if bonds {
+        row.extend([s.bonds.made as f64, s.bonds.broken as f64]);
+    }
     for t in &s.surfaces {
         row.extend(t.force.iter().chain(&t.torque));
         row.extend([t.draught, t.path, f64::from(u8::from(t.present))]);

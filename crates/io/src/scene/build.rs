@@ -274,6 +274,7 @@ impl Build<'_> {
         actions.extend(part.remove.map(|(axis, limit)| Action::RemoveBeyond { axis, limit }));
         actions.extend(part.withdraw.iter().map(|name| Action::Withdraw(scene.surface_id(name))));
         actions.extend(part.insert.iter().map(|name| Action::Insert(scene.surface_id(name))));
+        actions.extend(part.bond.then_some(Action::Bond));
         let moves = part.moves.iter().map(|(name, motion)| {
             let surface = scene.surface_id(name);
             (surface, self.motion(motion, scene.geometry[surface].translate))

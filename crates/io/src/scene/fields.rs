@@ -187,6 +187,7 @@ static PAIR_CONTACT: TableSpec = TableSpec {
         Field::new("tangential", Kind::Law(Slot::Tangential), "Tangential force.").optional(AS_ELSEWHERE),
         Field::new("rolling", Kind::Law(Slot::Rolling), "Rolling torque.").optional(AS_ELSEWHERE),
         Field::new("cohesion", Kind::Law(Slot::Cohesion), "Cohesion.").optional(AS_ELSEWHERE),
+        Field::new("bond", Kind::Law(Slot::Bond), "Bonds between particles.").optional(AS_ELSEWHERE),
     ],
     rules: &[],
 };
@@ -214,6 +215,7 @@ static CONTACT: TableSpec = TableSpec {
         Field::new("tangential", Kind::Law(Slot::Tangential), "Tangential force.").or("\"mindlin\""),
         Field::new("rolling", Kind::Law(Slot::Rolling), "Rolling torque.").or("\"none\""),
         Field::new("cohesion", Kind::Law(Slot::Cohesion), "Cohesion.").or("\"none\""),
+        Field::new("bond", Kind::Law(Slot::Bond), "Bonds between particles, which a stage with `bond` makes.").or("\"none\""),
         Field::new("end", Kind::Words(ENDS.words), "When a contact ends: at zero overlap, so that the normal force may pull before, or when the force would pull.").or("\"tension\""),
         Field::new("history", Kind::Words(HISTORIES.words), "The tangential spring of a slipping contact: shortened to the slip limit, never shortened, or forgotten each step.").or("\"truncated\""),
         Field::new("local_damping", NUMBER, "Local non-viscous damping.").or("0.0").at_least(0.0).at_most(0.99),
@@ -468,7 +470,7 @@ static OSCILLATION: TableSpec = TableSpec {
 };
 
 static STAGE: TableSpec = TableSpec {
-    doc: "One part of a run. It removes, withdraws and inserts at its beginning; without `until` or `duration` it does only that.",
+    doc: "One part of a run. It removes, withdraws, inserts and bonds at its beginning; without `until` or `duration` it does only that.",
     fields: &[
         Field::new("name", Kind::Text, "Its name, each once."),
         Field::new("until", Kind::Table(&UNTIL), "When it ends.").optional("see `duration`"),
@@ -485,6 +487,8 @@ static STAGE: TableSpec = TableSpec {
             "Surfaces that are there from its beginning on, and not before.",
         )
         .or("[]"),
+        Field::new("bond", Kind::Bool, "Bonds particles at its beginning, as the law of bonds says.")
+            .or("false"),
         Field::new("move", Kind::Named(Names::Surface, &MOTION), "Motions of surfaces, by name.").or("{}"),
         Field::new("measure", Kind::Named(Names::New, &MEASURE), "Numbers measured, by name.").or("{}"),
         Field::new("cell", Kind::Table(&CELL), "How the cell deforms, if it is periodic along x, y and z.")

@@ -7,7 +7,7 @@ use glebe_engine::spec::{
     Component, Deformation, Drive, Frustum, Guards, Motion, Oscillation, Rotation, Sampling, Side, Step,
     Time, Until, Vec3, Window,
 };
-use glebe_physics::{ContactModel, Material, Mixing, PairLaws, PairOverride, ShearModulusRule};
+use glebe_physics::{ContactModel, LawChoice, Material, Mixing, PairLaws, PairOverride, ShearModulusRule};
 
 use super::check::{Checked, Checker, Record};
 use super::error::{Located, Place, SceneError};
@@ -210,6 +210,8 @@ pub struct StagePart {
     pub withdraw: Vec<String>,
     /// Surfaces that come at its beginning.
     pub insert: Vec<String>,
+    /// Whether particles are bonded at its beginning.
+    pub bond: bool,
     /// Motions by surface.
     pub moves: Vec<(String, MotionPart)>,
     /// What is measured.
@@ -289,6 +291,7 @@ pub(crate) fn scene(file: &Record, checker: &mut Checker) -> Scene {
             tangential: contact.law("tangential"),
             rolling: contact.law("rolling"),
             cohesion: contact.law("cohesion"),
+            bond: contact.law("bond"),
             end: ENDS.value(&contact.text("end")),
             history: HISTORIES.value(&contact.text("history")),
         },
@@ -314,9 +317,27 @@ pub(crate) fn scene(file: &Record, checker: &mut Checker) -> Scene {
         },
     };
     scene.stages = stages(file, &scene.geometry, checker);
+    bonds_are_made(&scene, checker);
     sizes_fit_domain(file, &scene, checker);
     use_built_in(&mut scene);
     scene
+}
+
+/// Warns where a law of bonds is chosen and no stage makes any.
+fn bonds_are_made(scene: &Scene, checker: &mut Checker) {
+    // A law that is not known has its own error.
+    let bonds = |law: &LawChoice| !matches!(law.law.as_str(), "none" | "");
+    let mut of_pairs = scene.pairs.iter().zip(&scene.places.pairs);
+    let of_pair = of_pairs.find(|(p, _)| p.values.laws.bond.as_ref().is_some_and(bonds));
+    let own = bonds(&scene.contact.bond).then_some(&scene.places.contact);
+    let Some(place) = own.or(of_pair.map(|(_, place)| place)) else { return };
+    if scene.stages.iter().any(|stage| stage.bond) {
+        return;
+    }
+    let error = SceneError::new("unusual", place, "a law of bonds is chosen, but no stage bonds particles")
+        .label("no bonds will be made")
+        .help("set bond = true in the stage at whose beginning they are to be made");
+    checker.error(error.warning());
 }
 
 fn material(name: &Located<String>, m: &Record, checker: &mut Checker) -> Material {
@@ -353,6 +374,7 @@ fn pair_laws(contact: &Record) -> PairLaws {
         tangential: contact.law_if("tangential"),
         rolling: contact.law_if("rolling"),
         cohesion: contact.law_if("cohesion"),
+        bond: contact.law_if("bond"),
     }
 }
 
@@ -670,11 +692,12 @@ fn stage(record: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> S
         remove,
         withdraw: values("withdraw"),
         insert: values("insert"),
+        bond: record.flag("bond"),
         moves: record.named("move").iter().map(|(name, m)| (name.value.clone(), motion(m))).collect(),
         measures: record.named("measure").iter().map(|(name, m)| measure(name, m)).collect(),
         deformation: record.table("cell").map(|cell| deformation(cell, checker)),
     };
-    let acts = ["remove", "withdraw", "insert"].into_iter().any(|key| record.written(key));
+    let acts = ["remove", "withdraw", "insert", "bond"].into_iter().any(|key| record.written(key));
     let timed = ["move", "measure", "cell"].into_iter().any(|key| record.written(key));
     if !lasts && (timed || !acts) {
         let message = format!("the stage `{}` has no end", stage.name.value);

@@ -10,6 +10,7 @@
 //! Nothing here branches on data where `select` will do, so that loops over contacts vectorise, and
 //! nothing calls into a maths library but for the square root: results do not depend on the platform.
 
+pub mod bond;
 pub mod cohesion;
 pub mod contact;
 pub mod integrate;

@@ -52,6 +52,12 @@ pub struct Phase<'a> {
 }
 
 impl Phase<'_> {
+    /// Whether bonds may break.
+    #[inline(always)]
+    pub fn breaks(&self) -> bool {
+        self.purpose == Purpose::Step && self.c.bonds()
+    }
+
     /// Whether anybody asks for energies.
     #[inline(always)]
     pub fn accounts(&self) -> bool {
@@ -117,6 +123,8 @@ pub struct Found {
     pub pairs: Vec<PairSeen>,
     /// Pairs and surface contacts.
     pub contacts: [u64; 2],
+    /// Bonds that broke in the step.
+    pub broken: u64,
 }
 
 /// Working memory of a thread.
@@ -153,6 +161,7 @@ fn block_phase(
     found.roll_lost = 0.0;
     found.worst = (0.0, 0, 0);
     found.contacts = [0; 2];
+    found.broken = 0;
     if ph.purpose != Purpose::Observe {
         sums.fill(Share::default());
         drains.fill(Share::default());

@@ -3,6 +3,7 @@
 //! All contacts in the lanes belong to one pair of materials, so laws and coefficients are the same for all
 //! of them and the choice of law is made once per loop.
 
+use glebe_physics::kernel::bond::{self, Bond, Held, Parting};
 use glebe_physics::kernel::cohesion::{self, Cohesion, within};
 use glebe_physics::kernel::contact::{
     Coefficients, Memory, Touch, pressed, relative_velocity, tangential_part,
@@ -31,6 +32,8 @@ pub struct Pair {
     tangential: Coefficients,
     rolling: Coefficients,
     cohesion: Coefficients,
+    bond: Coefficients,
+    strength: Coefficients,
     friction: Friction,
     clip: f32,
     range: f32,
@@ -46,6 +49,8 @@ impl Pair {
             tangential: k(p.tangential),
             rolling: k(p.rolling),
             cohesion: k(p.cohesion),
+            bond: k(p.bond),
+            strength: k(p.strength),
             friction: Friction {
                 sliding: p.friction[0] as f32,
                 sticking: p.friction[1] as f32,
@@ -108,7 +113,7 @@ pub struct Lanes {
     pub roll_power: Lane,
     /// Lost where rolling springs slip \[J\].
     pub roll_lost: Lane,
-    /// Energy of normal spring and cohesion \[J\].
+    /// Energy of normal spring, cohesion and bond \[J\].
     pub energy_normal: Lane,
     /// Energy of the tangential spring \[J\].
     pub energy_tangential: Lane,
@@ -118,6 +123,8 @@ pub struct Lanes {
     pub friction_loss: Lane,
     /// Overlap as a fraction of the smaller radius.
     pub ratio: Lane,
+    /// 1 where the bond broke in this step; only where pairs have bonds.
+    pub broke: Lane,
 }
 
 impl Default for Lanes {
@@ -158,6 +165,7 @@ impl Default for Lanes {
             energy_before: l,
             friction_loss: l,
             ratio: l,
+            broke: l,
         }
     }
 }
@@ -273,6 +281,10 @@ impl Lanes {
         }
         let rolling = layout.place(Slot::Rolling).start;
         laws.rolling.visit(RollingLoop::<ACCOUNTS>(self, used, &pair.rolling, rolling, dt));
+        let bonds = layout.place(Slot::Bond);
+        if !bonds.is_empty() {
+            laws.bond.visit(BondLoop::<ACCOUNTS>(self, used, pair, bonds.start, dt));
+        }
     }
 
     #[inline(always)]
@@ -511,6 +523,59 @@ impl<const ACCOUNTS: bool> rolling::Visitor for RollingLoop<'_, ACCOUNTS> {
                     lanes.energy_tangential[l] += t.energy;
                     lanes.energy_before[l] += t.energy_before;
                 }
+            }
+        }
+    }
+}
+
+struct BondLoop<'a, const ACCOUNTS: bool>(&'a mut Lanes, usize, &'a Pair, usize, f32);
+
+impl<const ACCOUNTS: bool> bond::Visitor for BondLoop<'_, ACCOUNTS> {
+    type Output = ();
+    #[inline(always)]
+    fn visit<L: Bond + Law>(self) {
+        let Self(lanes, used, pair, from, dt) = self;
+        lanes.broke = [0.0; LANES];
+        if L::HISTORY.is_empty() {
+            return;
+        }
+        for l in 0..used {
+            let n = at(&lanes.n, l);
+            let h = |k: usize| lanes.history[from + k][l];
+            let held = Held {
+                rest: h(0),
+                shear: V3 { x: h(1), y: h(2), z: h(3) },
+                bend: V3 { x: h(4), y: h(5), z: h(6) },
+                twist: h(7),
+            };
+            let parting = Parting {
+                n,
+                delta: lanes.delta[l],
+                r_i: lanes.radius[0][l],
+                r_j: lanes.radius[1][l],
+                vt: at(&lanes.vt, l),
+                wi: at(&lanes.w[0], l),
+                wj: at(&lanes.w[1], l),
+                dt,
+            };
+            let b = L::hold(&pair.bond, pair.strength, parting, held);
+            let Held { rest, shear, bend, twist } = b.held;
+            let floats = [rest, shear.x, shear.y, shear.z, bend.x, bend.y, bend.z, twist];
+            for (lane, x) in lanes.history[from..].iter_mut().zip(floats) {
+                lane[l] = x;
+            }
+            let force = plus(at(&lanes.force, l), b.force);
+            put(&mut lanes.force, l, force);
+            let couple = cross(n, b.force);
+            for (s, sign) in [1.0, -1.0].into_iter().enumerate() {
+                let on = plus(scaled(couple, lanes.arm[s][l]), scaled(b.moment, sign));
+                let torque = plus(at(&lanes.torque[s], l), on);
+                put(&mut lanes.torque[s], l, torque);
+            }
+            lanes.broke[l] = b.broke;
+            if ACCOUNTS {
+                lanes.energy_normal[l] += b.energy;
+                lanes.friction_loss[l] += b.lost;
             }
         }
     }

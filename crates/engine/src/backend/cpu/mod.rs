@@ -413,6 +413,7 @@ impl CpuWorld {
                 *sum += x;
             }
         }
+        g.bonds.broken += self.found.iter().map(|f| f.broken).sum::<u64>();
         let ledger = &mut g.ledger;
         ledger.work += self.found.iter().map(|f| f.work).sum::<f64>();
         ledger.damping += moved.damped;
@@ -545,6 +546,30 @@ impl CpuWorld {
         }
         t
     }
+}
+
+/// Pairs of particles within reach of each other in the present configuration of a state: their places in the order of
+/// storage, and how far their centres are apart \[m\].
+pub fn near_pairs(c: &Constants, state: &State) -> Vec<([usize; 2], f64)> {
+    let (mut p, mut g) = (state.particles.clone(), state.progress.clone());
+    p.hi_ref.clone_from(&p.hi);
+    p.lo_ref = p.place.iter().map(|place| place.lo).collect();
+    g.refer(c);
+    g.skin = SKIN_MIN * c.radius_mean;
+    let lattice = c.lattice_then(&g);
+    let order = list::order(c, &lattice, &p, g.skin);
+    p.reorder(&order);
+    let mut found = Vec::new();
+    for block in list::build(c, &p, &g, &[], &Memory::Stored(&[], &[])) {
+        for q in &block.candidates {
+            let [i, j] = [block.first + q.owner as usize, q.partner as usize];
+            let (from, to) = (p.place[i].lo, p.place[j].lo);
+            let apart = [0, 1, 2].map(|k| to[k].wrapping_sub(from[k]));
+            let d = pairs::metres::<false>(&lattice.unit, [apart[0], apart[1], apart[2], 0]);
+            found.push(([i, j].map(|k| order[k] as usize), norm(d)));
+        }
+    }
+    found
 }
 
 /// The contact phase over all blocks, on as many threads as pay.

@@ -50,7 +50,7 @@ impl Default for Workbench {
 
 /// Units in metres, for cells with and without right angles.
 #[inline(always)]
-fn metres<const ORTHOGONAL: bool>(unit: &[Vec3; 3], apart: [u32; 4]) -> Vec3 {
+pub fn metres<const ORTHOGONAL: bool>(unit: &[Vec3; 3], apart: [u32; 4]) -> Vec3 {
     let d = [apart[0], apart[1], apart[2]].map(|u| f64::from(u as i32));
     if ORTHOGONAL {
         [d[0] * unit[0][0], d[1] * unit[1][1], d[2] * unit[2][2]]
@@ -258,6 +258,9 @@ fn collect<const ORTHOGONAL: bool>(
     }
     if ph.accounts() {
         found.sum_energies(lanes, used);
+    }
+    if ph.breaks() {
+        found.broken += lanes.broke[..used].iter().filter(|x| **x > 0.0).count() as u64;
     }
     let unit = &ph.space.lattice.unit;
     let force = |l: usize| [lanes.force[0][l], lanes.force[1][l], lanes.force[2][l]];

@@ -41,6 +41,7 @@ fn number(laws: Laws, slot: Slot) -> usize {
         Slot::Tangential => laws.tangential as usize,
         Slot::Rolling => laws.rolling as usize,
         Slot::Cohesion => laws.cohesion as usize,
+        Slot::Bond => laws.bond as usize,
     }
 }
 
@@ -73,6 +74,9 @@ impl Choices {
 
     /// Why a device cannot run a world's laws.
     pub fn refusal(c: &Constants) -> Option<String> {
+        if c.bonds() {
+            return Some("bonds between particles (`contact.bond`) are computed by the CPU alone".to_owned());
+        }
         Slot::ALL.into_iter().find_map(|slot| {
             let all = numbers(c, slot);
             let names: Vec<_> = all.iter().map(|n| glebe_physics::laws(slot)[*n].name).collect();

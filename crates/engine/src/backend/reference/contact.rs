@@ -1,5 +1,6 @@
 //! The laws of one contact.
 
+use glebe_physics::kernel64::bond::{self, Bond, BondLaw, Held, Hold, Parting};
 use glebe_physics::kernel64::cohesion::{self, Attraction, Cohesion, CohesionLaw, within};
 use glebe_physics::kernel64::contact::{
     Coefficients, Memory, Touch, nothing, pressed, relative_velocity, tangential_part,
@@ -52,8 +53,10 @@ pub struct Pull {
     pub roll_lost: f64,
     /// Lost in this step where contacts yield and part \[J\].
     pub lost: f64,
-    /// Energy of normal spring and cohesion \[J\].
+    /// Energy of normal spring, cohesion and bond \[J\].
     pub energy_normal: f64,
+    /// Whether the bond broke in this step.
+    pub broke: bool,
     /// Stiffness of the normal spring \[N/m\].
     pub stiffness: f64,
     /// Of the tangential spring.
@@ -131,15 +134,34 @@ impl Meeting {
         let law = RollingLaw::ALL[laws.rolling as usize];
         let r = law.visit(RollingOf(&coefficients(pair.rolling), roll, memory));
         keep(&mut history[layout.place(Slot::Rolling)], if touches { r.memory } else { nothing() });
+        let parting = Parting { n: m.n, delta: m.delta, r_i: m.radius[0], r_j: m.radius[1], vt, wi, wj, dt };
+        let h = &mut history[layout.place(Slot::Bond)];
+        let law = BondLaw::ALL[laws.bond as usize];
+        let b = law.visit(HoldOf(&coefficients(pair.bond), coefficients(pair.strength), parting, held(h)));
+        if !law.history().is_empty() {
+            h.copy_from_slice(&[
+                b.held.rest,
+                b.held.shear.x,
+                b.held.shear.y,
+                b.held.shear.z,
+                b.held.bend.x,
+                b.held.bend.y,
+                b.held.bend.z,
+                b.held.twist,
+            ]);
+        }
+        let across = plus(couple, cross(m.n, b.force));
+        let torque = |arm: f64, rolling: V3, moment: V3| plus(plus(scaled(across, arm), rolling), moment);
         Pull {
-            force: plus(scaled(m.n, attraction.force + normal.pull - load), t.force),
-            torque: [plus(scaled(couple, m.arm[0]), r.on_i), plus(scaled(couple, m.arm[1]), r.on_j)],
+            force: plus(plus(scaled(m.n, attraction.force + normal.pull - load), t.force), b.force),
+            torque: [torque(m.arm[0], r.on_i, b.moment), torque(m.arm[1], r.on_j, scaled(b.moment, -1.0))],
             dash: plus(scaled(m.n, -normal.viscous), minus(t.force, t.spring)),
             roll: [r.on_i, r.on_j],
             brake: [r.brake_i, r.brake_j],
             roll_lost: r.lost,
-            lost: attraction.lost + if touches { normal.lost } else { 0.0 },
-            energy_normal: normal.energy + attraction.energy,
+            lost: attraction.lost + b.lost + if touches { normal.lost } else { 0.0 },
+            energy_normal: normal.energy + attraction.energy + b.energy,
+            broke: b.broke > 0.0,
             stiffness: normal.stiffness,
             energy_tangential: [t.energy + r.energy, t.energy_before + r.energy_before],
             tangential: t,
@@ -181,6 +203,22 @@ impl rolling::Visitor for RollingOf<'_> {
     fn visit<L: Rolling>(self) -> Torques {
         L::torques(self.0, self.1, self.2)
     }
+}
+
+struct HoldOf<'a>(&'a Coefficients, Coefficients, Parting, Held);
+
+impl bond::Visitor for HoldOf<'_> {
+    type Output = Hold;
+    fn visit<L: Bond>(self) -> Hold {
+        L::hold(self.0, self.1, self.2, self.3)
+    }
+}
+
+/// What a bond finds in its floats.
+fn held(floats: &[f64]) -> Held {
+    let at = |k: usize| floats.get(k).copied().unwrap_or_default();
+    let three = |k: usize| V3 { x: at(k), y: at(k + 1), z: at(k + 2) };
+    Held { rest: at(0), shear: three(1), bend: three(4), twist: at(7) }
 }
 
 /// What a law finds in its floats.

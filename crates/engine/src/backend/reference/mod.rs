@@ -557,6 +557,7 @@ impl ReferenceWorld {
                 ledger.rolling += pull.roll_lost - c.dt * (dot(pull.brake[0], wi) + dot(pull.brake[1], wj));
             }
         }
+        g.bonds.broken += contacts.iter().filter(|contact| contact.pull.broke).count() as u64;
         g.account(c, &forces);
     }
 
