@@ -1,12 +1,14 @@
-//! How the draught force follows four parameters of the soil (Nagy et al. 2024, section 4.2, figure 10, table B.5 column 4).
+//! How the draught force follows four parameters of the soil (Nagy et al. 2024, section 4.2, figure 10, table B.5
+//! column 4).
 //!
-//! The paper's: 38 912 spheres of 8.5 ± 1.5 mm, trimmed at 300 mm, the tool 150 mm deep at 0.7 m/s, the window of 0.28 to
-//! 0.56 m, 100 values each of density, Young's modulus, restitution and friction. Chosen: the range of friction (its table
-//! 3), the range of restitution, and as in A6 the tool's shape beyond its size and how deep grains rain; the limits. The
-//! quick size has 4864 spheres twice as large, a step twice as long, and three or four values of each.
+//! The paper's: 38 912 spheres of 8.5 ± 1.5 mm, trimmed at 300 mm, the tool 150 mm deep at 0.7 m/s, the window of
+//! 0.28 to 0.56 m, 100 values each of density, Young's modulus, restitution and friction. Chosen: the range of
+//! friction (its table 3), the range of restitution, and as in A6 the tool's shape beyond its size and how deep
+//! grains rain; the limits. The quick size has 4864 spheres twice as large, a step twice as long, and three or four
+//! values of each.
 //!
-//! The paper's lines are from a program that drops contacts and never keeps the history of spheres: sign, shape and order
-//! are asked for, the numbers are reported beside them. Its line over density goes through 0.
+//! The paper's lines are from a program that drops contacts and never keeps the history of spheres: sign, shape and
+//! order are asked for, the numbers are reported beside them. Its line over density goes through 0.
 
 use glebe_io::mesh::{StlFormat, write_stl};
 use glebe_io::study::Value;

@@ -1,12 +1,12 @@
 //! How many grains a representative sample needs (Lubbe et al. 2022, section 8, figure 8, table 1).
 //!
-//! The paper's: 400 to 2800 grains prepared at 50 Pa with a low friction, consolidated to 100 kPa, table 1; χ² of contact
-//! orientations over 36 bins. Chosen: 20 seeds for each number, a preparation friction of 0.1, damping.
-//! The paper finds that 1/χ² reaches a plateau at 1600 to 2000 grains. Of independent directions χ² has a mean of 35
-//! whatever their number, so it is drawn and reported, not asked for; what is asked for is that scatter over seeds falls
-//! with the number of grains and is below 2 % from 1600 on. The quick size has 400, 800 and 1600 grains, four seeds, a
-//! preparation at 50 kPa and a fortieth of the stiffness. Four seeds tell little: of 200 grains they happened to agree to
-//! 0.2 % in void ratio, so that from there on scatter does not fall.
+//! The paper's: 400 to 2800 grains prepared at 50 Pa with a low friction, consolidated to 100 kPa, table 1; χ² of
+//! contact orientations over 36 bins. Chosen: 20 seeds for each number, a preparation friction of 0.1, damping. The
+//! paper finds that 1/χ² reaches a plateau at 1600 to 2000 grains. Of independent directions χ² has a mean of 35
+//! whatever their number, so it is drawn and reported, not asked for; what is asked for is that scatter over seeds
+//! falls with the number of grains and is below 2 % from 1600 on. The quick size has 400, 800 and 1600 grains, four
+//! seeds, a preparation at 50 kPa and a fortieth of the stiffness. Four seeds tell little: of 200 grains they
+//! happened to agree to 0.2 % in void ratio, so that from there on scatter does not fall.
 
 use glebe_report::{Axis, rose};
 use glebe_study::rve::{BINS, Spread, VariantSummary};

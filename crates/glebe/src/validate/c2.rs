@@ -1,16 +1,16 @@
 //! Drained triaxial compression of dry quartz sand (Lubbe et al. 2022, section 9, figure 9, table 2).
 //!
-//! The paper's: its laws and parameters, 2000 grains of radii 50 to 125 µm (its text says diameters of 10 to 25 µm, at
-//! which its step would be four times the critical one; its figure 1 is taken), a void ratio of 0.65, 200 kPa. Chosen:
-//! damping; the pressure of the preparation; the limits. The paper shows curves without numbers, "matching closely"
-//! those of an experiment: their shape is asked for, our numbers are reported. The quick size has 400 grains, a fifth
-//! of the stiffness, a preparation at 100 kPa and an inertial number of 1e-2, ten times the paper's.
+//! The paper's: its laws and parameters, 2000 grains of radii 50 to 125 µm (its text says diameters of 10 to 25 µm,
+//! at which its step would be four times the critical one; its figure 1 is taken), a void ratio of 0.65, 200 kPa.
+//! Chosen: damping; the pressure of the preparation; the limits. The paper shows curves without numbers, "matching
+//! closely" those of an experiment: their shape is asked for, our numbers are reported. The quick size has 400
+//! grains, a fifth of the stiffness, a preparation at 100 kPa and an inertial number of 1e-2, ten times the paper's.
 //!
-//! It fails, in the quick size, which alone has been run: q over p rises to 2.42 at a strain of 13.5 %, σ₁ to 13 σ₃, and is
-//! 2 % below that at 20 %; contraction and dilation are as asked for. The likely reason is the strengths of table 2, 1.9
-//! and 1.3 smaller radii (in metres they would be more still), which hardly let grains roll: the same sample with the
-//! strengths of table 1, 0.2, has its peak of 1.90 at 3.3 % and ends at 1.78; without moments it has 1.13 at 1.7 % and
-//! ends at 0.89.
+//! It fails, in the quick size, which alone has been run: q over p rises to 2.42 at a strain of 13.5 %, σ₁ to 13 σ₃,
+//! and is 2 % below that at 20 %; contraction and dilation are as asked for. The likely reason is the strengths of
+//! table 2, 1.9 and 1.3 smaller radii (in metres they would be more still), which hardly let grains roll: the same
+//! sample with the strengths of table 1, 0.2, has its peak of 1.90 at 3.3 % and ends at 1.78; without moments it has
+//! 1.13 at 1.7 % and ends at 0.89.
 
 use glebe_report::Axis;
 

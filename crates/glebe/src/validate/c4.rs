@@ -1,10 +1,11 @@
 //! Samples in one batch and one after the other (Lubbe et al. 2022, section 11.1, figure 11).
 //!
-//! The paper's: 100 samples of 2000 equal grains of 0.15 mm in 1 to 100 batches under strain-driven isotropic compression;
-//! all at once is 9.8 times as fast as one after the other on its card, and memory is linear. Chosen: samples
-//! that are dense, where the paper ends at a solid fraction of 12 %; the steps. Times are of the machine: the quick size, 20 samples of 400 grains, shares it with
-//! other things and reports the speedup; in full it is asked for on a device, on which a sample alone leaves most units
-//! idle. On the CPU a single sample uses all cores as well. Every division must give the same bits.
+//! The paper's: 100 samples of 2000 equal grains of 0.15 mm in 1 to 100 batches under strain-driven isotropic
+//! compression; all at once is 9.8 times as fast as one after the other on its card, and memory is linear. Chosen:
+//! samples that are dense, where the paper ends at a solid fraction of 12 %; the steps. Times are of the machine: the
+//! quick size, 20 samples of 400 grains, shares it with other things and reports the speedup; in full it is asked for
+//! on a device, on which a sample alone leaves most units idle. On the CPU a single sample uses all cores as well.
+//! Every division must give the same bits.
 
 use glebe_report::Axis;
 

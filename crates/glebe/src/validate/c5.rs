@@ -1,10 +1,10 @@
 //! Cost against the number of grains of a sample and of samples (Lubbe et al. 2022, section 11, figures 12 and 13).
 //!
 //! The paper's: strain-driven isotropic compression of equal grains of 0.15 mm in diameter (its text says 0.015 mm),
-//! table 1, its cost linear in both numbers. Chosen: that samples are dense, where the paper ends at a solid fraction of
-//! 12 %; the steps; the limits on the exponents. Every sample must end with the same bits as alone. The quick size shares its machine with
-//! other things and reports the exponents. The paper compares a uniform grid with a hierarchy of bounding volumes; here is
-//! one search for both kinds of samples.
+//! table 1, its cost linear in both numbers. Chosen: that samples are dense, where the paper ends at a solid fraction
+//! of 12 %; the steps; the limits on the exponents. Every sample must end with the same bits as alone. The quick size
+//! shares its machine with other things and reports the exponents. The paper compares a uniform grid with a hierarchy
+//! of bounding volumes; here is one search for both kinds of samples.
 
 use std::time::Instant;
 

@@ -74,8 +74,9 @@ pub fn cell(count: usize, [least, most]: [f64; 2], share: f64) -> String {
     format!("[{side:.6e}, {side:.6e}, {side:.6e}]")
 }
 
-/// What the sand has in the quick size: fewer grains, a fifth of the stiffness, with which steps are longer. With less of it
-/// the sand, whose stress along the axis grows to a dozen times that across, overlaps by a third of its small grains.
+/// What the sand has in the quick size: fewer grains, a fifth of the stiffness, with which steps are longer. With a
+/// twentieth the sand, whose stress along the axis grows to a dozen times that across, overlapped by a third of its small
+/// grains.
 pub fn quick_sand() -> [(&'static str, String); 3] {
     [
         ("count = 2000", "count = 400".to_owned()),
