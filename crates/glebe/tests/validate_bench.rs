@@ -220,6 +220,19 @@ fn rates_are_told_beside_those_of_an_earlier_run_of_the_same() {
 }
 
 #[test]
+fn periodic_samples_are_dense_and_run_together() {
+    let folder = TempDir::new().unwrap();
+    let args = ["--sizes", "none", "--samples", "150", "--steps", "50", "--repeat", "1", "--worlds", "3"];
+    let result = measured(folder.path(), &args);
+    let bed = &result["beds"][0];
+    let as_asked = (&bed["bed"], &bed["mode"], &bed["particles"], &bed["worlds"], &bed["lost"]);
+    assert_eq!(as_asked, (&json!("mono"), &json!("loaded"), &json!(150), &json!(3), &json!(0)));
+    // Held at a pressure with friction: between the isostatic 4 of much friction and the 6 of none.
+    assert!((4.0..6.5).contains(&number(&bed["coordination"])), "{bed:#}");
+    assert!(number(&bed["particle_steps_per_second"]["median"]) > 0.0);
+}
+
+#[test]
 fn beds_that_are_not_there_exit_with_2_and_a_list() {
     let folder = TempDir::new().unwrap();
     for option in ["--beds=1:4", "--flowing=slowly"] {

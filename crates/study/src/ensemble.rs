@@ -80,7 +80,7 @@ pub enum StudyError {
     /// The folder holds another study.
     #[error(
         "{path}: these results belong to another study: resume with the study, scene and files that they were \
-         begun with, or start again with --force"
+         begun with, or start again, in another folder (--out) or with --force"
     )]
     OtherStudy {
         /// The journal.
@@ -89,7 +89,7 @@ pub enum StudyError {
     /// The folder's worlds were computed elsewhere.
     #[error(
         "{path}: these results were begun on `{found}`, and this is `{given}`, which rounds differently: resume with \
-         the same --device, or start again with --force"
+         the same --device, or start again, in another folder (--out) or with --force"
     )]
     OtherDevice {
         /// The journal.

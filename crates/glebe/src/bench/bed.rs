@@ -8,7 +8,7 @@ use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Blind, Status, positions};
 use glebe_engine::generate::{FillRequest, GenerateError, Region, generate, solid_volume};
 use glebe_engine::lattice::cross;
-use glebe_engine::spec::{Domain, Side, Stage, Step, Time, Until, Vec3, WorldSpec};
+use glebe_engine::spec::{Deformation, Domain, Drive, Side, Stage, Step, Time, Until, Vec3, WorldSpec};
 use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
 use glebe_io::checkpoint::{self, Header};
@@ -41,6 +41,12 @@ const SETTLED: f64 = 1e-4;
 const SETTLE_MOST: f64 = 0.2;
 /// Time in which the bed that other engines are compared on settles \[s\].
 const SETTLE_PEERS: f64 = 0.4;
+/// Stress at which a periodic sample is consolidated and held across \[Pa\].
+const PRESSURE: f64 = 1e5;
+/// Inertial number at which it is consolidated and compressed \[-\].
+const INERTIAL: f64 = 1e-3;
+/// Most time that its consolidation takes \[s\].
+const CONSOLIDATE_MOST: f64 = 0.2;
 /// Steps before timing: lists and caches warm up.
 pub const WARM_UP: u64 = 100;
 
@@ -51,19 +57,22 @@ pub enum Mode {
     Settled,
     /// It flows in a rotating drum.
     Flowing,
+    /// It is a periodic sample, compressed along z with the stress across held.
+    Loaded,
     /// A tool is drawn or turned through it.
     Tilled(Tool),
 }
 
 impl Mode {
     /// The modes without a tool.
-    pub const ALL: [Self; 2] = [Self::Settled, Self::Flowing];
+    pub const ALL: [Self; 3] = [Self::Settled, Self::Flowing, Self::Loaded];
 
     /// Name in results.
     pub fn name(self) -> &'static str {
         match self {
             Self::Settled => "settled",
             Self::Flowing => "flowing",
+            Self::Loaded => "loaded",
             Self::Tilled(tool) => tool.name(),
         }
     }
@@ -102,7 +111,7 @@ impl Bed {
     /// The drum that it flows in, if it does.
     pub fn drum(&self) -> Result<Option<Drum>, GenerateError> {
         Ok(match self.mode {
-            Mode::Settled | Mode::Tilled(_) => None,
+            Mode::Settled | Mode::Loaded | Mode::Tilled(_) => None,
             Mode::Flowing => Some(Drum::about_half_full_of(&self.radii()?)),
         })
     }
@@ -130,6 +139,11 @@ impl Bed {
             Mode::Settled => {
                 let width = Self::width(radii);
                 let region = Region::walled([0.0; 3], [width, width, HEADROOM * width]);
+                dense(FillRequest::new(region, radii, SEED))
+            }
+            Mode::Loaded => {
+                let region =
+                    Region { periodic: [true; 3], ..Region::walled([0.0; 3], [Self::width(radii); 3]) };
                 dense(FillRequest::new(region, radii, SEED))
             }
             Mode::Flowing => generate("rain", &Drum::about_half_full_of(radii).cloud(radii, SEED)),
@@ -170,6 +184,16 @@ impl Bed {
                 };
                 (domain, Vec::new(), [0.0; 3], vec![settle])
             }
+            Mode::Loaded => {
+                let domain =
+                    Domain::aligned([0.0; 3], [Self::width(radii); 3], [[Side::Periodic; 2]; 3], None);
+                let until =
+                    Until { stress_within: Some(0.01), at_most: Some(CONSOLIDATE_MOST), ..Until::default() };
+                let hold = [Drive::Stress(PRESSURE), Drive::Stress(PRESSURE), Drive::Stress(PRESSURE)];
+                let consolidate =
+                    Stage { deformation: Some(driven(hold)), until, ..stage("consolidate", None, 0.0) };
+                (domain, Vec::new(), [0.0; 3], vec![consolidate])
+            }
             // The grains turn with the drum from the start.
             Mode::Flowing => (
                 drum.domain(),
@@ -195,7 +219,7 @@ impl Bed {
         // Soft soil overlaps deeply where it lands.
         world.guards.overlap_stops = self.kind != BedKind::Soil;
         world.contact.rolling = self.kind.rolling();
-        world.gravity = [0.0, 0.0, -GRAVITY];
+        world.gravity = [0.0, 0.0, if self.mode == Mode::Loaded { 0.0 } else { -GRAVITY }];
         world.sampling.series = SAMPLE_STEPS as f64 * dt;
         world.sampling.energy_ledger = ledger;
         world.surfaces = surfaces;
@@ -205,9 +229,21 @@ impl Bed {
         }
         let moves = leading.last().map_or_else(Vec::new, |s| s.moves.clone());
         let more = [("first step", 1), ("warm up", WARM_UP), ("timed", steps)];
-        let more = more.map(|(name, n)| Stage { moves: moves.clone(), ..stage(name, None, n as f64 * dt) });
+        let deformation = (self.mode == Mode::Loaded).then(|| self.axial(radii));
+        let more = more.map(|(name, n)| Stage {
+            moves: moves.clone(),
+            deformation,
+            ..stage(name, None, n as f64 * dt)
+        });
         world.stages = leading.into_iter().chain(more).collect();
         Ok(world)
+    }
+
+    /// The compression of a sample along z, as fast as the inertial number allows.
+    fn axial(&self, radii: &[f64]) -> Deformation {
+        let diameter = 2.0 * radii.iter().sum::<f64>() / radii.len() as f64;
+        let rate = INERTIAL / (diameter * (self.kind.material().density / PRESSURE).sqrt());
+        driven([Drive::Stress(PRESSURE), Drive::Stress(PRESSURE), Drive::Rate(rate)])
     }
 
     /// Constants of the prepared bed's world, and with friction less by the share `among` if it is one of many. They depend
@@ -220,7 +256,7 @@ impl Bed {
     ) -> Result<Arc<Constants>, BenchError> {
         let radii = self.radii()?;
         let inside = match self.mode {
-            Mode::Settled => [0.5 * Self::width(&radii); 3],
+            Mode::Settled | Mode::Loaded => [0.5 * Self::width(&radii); 3],
             Mode::Flowing => [0.0; 3],
             Mode::Tilled(tool) => {
                 let cloud = tool.placed(self.count, solid_volume(&radii))?.cloud;
@@ -306,6 +342,12 @@ impl Bed {
             hex
         }))
     }
+}
+
+/// A cell without shear, driven along its axes.
+fn driven([x, y, z]: [Drive; 3]) -> Deformation {
+    let still = Drive::Rate(0.0);
+    Deformation { drive: [x, y, z, still, still, still], inertial_number: INERTIAL, ..Deformation::default() }
 }
 
 /// A packing as dense as [`SOLID_FRACTION`], or, in boxes so narrow that their walls do not let it be,

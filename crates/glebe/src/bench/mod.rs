@@ -46,6 +46,7 @@ Examples:
   glebe bench --sizes 50k --beds mono,1:3,1:10 --flowing none
   glebe bench --sizes none --tools sweep,fine-sweep,rotor
   glebe bench --sizes none --tools sweep --worlds 60
+  glebe bench --sizes none --samples 2000 --worlds 400
   glebe bench --sizes 10k,100k,1M --repeat 5 --out bench.json
   glebe bench --sizes 10k,100k,1M --repeat 5 --compare bench.json
 
@@ -53,6 +54,8 @@ Settled beds are dense, random, in an open-topped box. A flowing bed has the sam
 closed drum, about half full, that turns at a Froude number of 0.1 and needs new lists often.
 Tools are met in soil (R = 7 to 10 mm, the box and sweep of the main job, 0.7 m/s) or, turning at a
 Froude number of 0.1, among mono spheres; boxes and tools shrink and grow with their beds.
+Samples are mono spheres in a periodic cell at 100 kPa, compressed along z at an inertial number
+of 1e-3 with the stress across held.
 
 Columns of the table:
   particles   of a world
@@ -94,6 +97,9 @@ pub struct BenchArgs {
     /// Numbers of particles in the beds of tools
     #[arg(long, value_name = "N,…", value_delimiter = ',', default_value = "38912", value_parser = count)]
     pub tool_sizes: Vec<usize>,
+    /// Numbers of particles in periodic samples that are also timed, compressed along one axis
+    #[arg(long, value_name = "N,…", value_delimiter = ',', value_parser = count)]
+    pub samples: Vec<usize>,
     /// Worlds that begin with each bed and run together; their friction differs by up to a tenth
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub worlds: u32,
@@ -238,8 +244,8 @@ fn beds(args: &BenchArgs) -> Vec<Vec<Bed>> {
     let plain = |count| {
         let beds = args.beds.iter().flat_map(move |&kind| {
             let flows = args.flowing.contains(&Flowing(Some(kind)));
-            let modes = Mode::ALL.into_iter().filter(move |mode| flows || *mode == Mode::Settled);
-            modes.map(move |mode| Bed { kind, mode, count })
+            let modes = [Some(Mode::Settled), flows.then_some(Mode::Flowing)];
+            modes.into_iter().flatten().map(move |mode| Bed { kind, mode, count })
         });
         beds.collect::<Vec<_>>()
     };
@@ -248,8 +254,13 @@ fn beds(args: &BenchArgs) -> Vec<Vec<Bed>> {
             args.tools.iter().map(move |&tool| Bed { kind: tool.kind(), mode: Mode::Tilled(tool), count });
         beds.collect::<Vec<_>>()
     };
+    let sample = |count| vec![Bed { kind: BedKind::Mono, mode: Mode::Loaded, count }];
     let sizes = args.sizes.iter().filter_map(|size| size.0);
-    sizes.map(plain).chain(args.tool_sizes.iter().copied().map(tilled)).collect()
+    sizes
+        .map(plain)
+        .chain(args.tool_sizes.iter().copied().map(tilled))
+        .chain(args.samples.iter().copied().map(sample))
+        .collect()
 }
 
 /// The rows of all beds, in their order.

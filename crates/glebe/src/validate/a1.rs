@@ -75,7 +75,7 @@ impl Variant {
     }
 }
 
-fn run(trial: Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let variants: Vec<&Variant> = VARIANTS.iter().filter(|v| v.quick || !trial.quick).collect();
     let worlds = variants.iter().map(|v| SCENE.world(&v.sets())).collect::<Result<_, _>>()?;
     let done = run_to_end(worlds, trial.backend)?.all_done()?;

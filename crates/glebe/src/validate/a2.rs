@@ -65,7 +65,7 @@ pub(super) fn world(count: usize, steps: u64) -> Result<WorldSpec, CaseError> {
     ])
 }
 
-fn run(trial: Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let size = if trial.quick { QUICK } else { FULL };
     let mut found = Findings::default();
     let cells = costs(&mut found, "cells", trial.backend, size.cells, size.steps, size.repeats)?;

@@ -33,7 +33,7 @@ const STEPS: [(&str, f64); 5] =
 /// Part of the series that "left" is a mean over \[s\].
 const END: f64 = 0.1;
 
-fn run(trial: Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let mut found = Findings::default();
     depositions(&mut found, trial.backend)?;
     convergence(&mut found, trial.backend)?;

@@ -50,7 +50,7 @@ fn sets(quick: bool, speed: f64) -> Vec<String> {
     sets
 }
 
-fn run(trial: Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let folder = Folder::new("tillage")?;
     let mesh = Sweep::default().mesh().map_err(|e| CaseError::Scene(e.to_string()))?;
     write_stl(&folder.0.join("sweep.stl"), &mesh, "sweep", StlFormat::Binary)
@@ -94,7 +94,7 @@ fn run(trial: Trial) -> Result<Findings, CaseError> {
 }
 
 /// The state of the bed when the tool is about to enter, which no speed changes.
-fn settled(world: WorldSpec, trial: Trial) -> Result<glebe_engine::state::State, CaseError> {
+fn settled(world: WorldSpec, trial: Trial<'_>) -> Result<glebe_engine::state::State, CaseError> {
     let (constants, state) = prepare(world)?;
     crate::device::admit(trial.backend, std::slice::from_ref(&constants))?;
     let title = constants.spec.title.clone();

@@ -15,7 +15,7 @@ use glebe_io::mesh::{StlFormat, write_stl};
 use glebe_io::study::Calibration;
 use glebe_io::tool::Sweep;
 use glebe_report::{Axis, Plot, Series, Style};
-use glebe_study::calibrate::{Plan, Settings, Summary, run as calibrate};
+use glebe_study::calibrate::{Plan, Summary, run as calibrate};
 use glebe_study::drive::Silent;
 
 use super::case::{Case, CaseError, Findings};
@@ -48,7 +48,7 @@ const QUICK_STUDY: [&str; 4] = [
     "probe=0",
 ];
 
-fn run(trial: Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let folder = Folder::new("calibration")?;
     let summary = calibrated(&folder.0, trial)?;
     let mut found = Findings::default();
@@ -78,22 +78,17 @@ fn run(trial: Trial) -> Result<Findings, CaseError> {
     Ok(found)
 }
 
-fn calibrated(folder: &Path, trial: Trial) -> Result<Summary, CaseError> {
+fn calibrated(folder: &Path, trial: Trial<'_>) -> Result<Summary, CaseError> {
     let mesh = Sweep::default().mesh().map_err(|e| CaseError::Scene(e.to_string()))?;
     write_stl(&folder.join("sweep.stl"), &mesh, "sweep", StlFormat::Binary)
         .map_err(|e| CaseError::Scene(e.to_string()))?;
-    let (mut scene, mut sets) = (SCENE.text.to_owned(), Vec::new());
-    if trial.quick {
-        scene = QUICK_SCENE.iter().fold(scene, |text, (full, quick)| text.replace(full, quick));
-        sets.extend(QUICK_STUDY.map(str::to_owned));
-    }
-    fs::write(folder.join("scene.toml"), scene)?;
+    let (scene, sets): (_, &[_]) = if trial.quick { (&QUICK_SCENE[..], &QUICK_STUDY) } else { (&[], &[]) };
+    fs::write(folder.join("scene.toml"), SCENE.with(scene)?)?;
+    let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
     let calibration = Calibration::parse(STUDY.name, STUDY.text, folder, &sets).map_err(|e| wrong(&e))?;
     let plan = Plan::new(calibration).map_err(|e| wrong(&e))?;
     crate::device::admit(trial.backend, plan.middle())?;
-    let memory = crate::device::memory(trial.backend);
-    let settings = Settings { backend: trial.backend, memory, ..Settings::new(folder.join("out")) };
-    Ok(calibrate(&plan, &settings, &mut Silent)?)
+    Ok(calibrate(&plan, &trial.study("A6-calibration"), &mut Silent)?)
 }
 
 fn figure(summary: &Summary) -> String {

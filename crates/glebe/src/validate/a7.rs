@@ -29,7 +29,7 @@ pub(super) const CASE: Case = Case {
 const QUICK: ([u32; 3], u64) = ([8, 10, 12], 600);
 const FULL: ([u32; 3], u64) = ([12, 15, 18], 2500);
 
-fn run(trial: Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let (powers, steps) = if trial.quick { QUICK } else { FULL };
     let mut found = Findings::default();
     let mut curves: Vec<(&'static str, Vec<f64>)> = Vec::new();

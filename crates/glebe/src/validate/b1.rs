@@ -40,7 +40,7 @@ struct Impact {
     spin: f64,
 }
 
-fn run(trial: Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let mut angles = Vec::new();
     let mut worlds = Vec::new();
     let mut angle = 5.0;

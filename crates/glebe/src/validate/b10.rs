@@ -37,7 +37,7 @@ const SCENE: SceneFile = scene_file!("B10-restart/scene.toml");
 /// Step after which one run forgets contact history.
 const FORGET_AT: u64 = 250;
 
-fn run(trial: Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let mut found = Findings::default();
     let folder = Folder::new("restart")?;
     let mut curves = Vec::new();

@@ -74,7 +74,7 @@ fn slab(at: Vec3, side: f64) -> String {
     format!("box = {{ min = [0, 0, {:?}], max = [{side:?}, {side:?}, {:?}] }}", 0.5 * at[2], at[2])
 }
 
-fn run(trial: Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let variants: Vec<(&Support, f64)> = SUPPORTS.iter().flat_map(|s| BOXES.map(|side| (s, side))).collect();
     let worlds = variants.iter().map(|(s, side)| SCENE.world(&sets(s, *side))).collect::<Result<_, _>>()?;
     let done = run_to_end(worlds, trial.backend)?.all_done()?;

@@ -21,7 +21,7 @@ pub struct Case {
     pub shows: &'static str,
     /// Where the case and its expected outcome come from.
     pub source: &'static str,
-    pub(super) run: fn(Trial) -> Result<Findings, CaseError>,
+    pub(super) run: fn(Trial<'_>) -> Result<Findings, CaseError>,
 }
 
 /// Why a case has no result.

@@ -11,14 +11,21 @@ mod a1;
 mod a2;
 mod a3;
 mod a4;
+mod a5;
 mod a6;
 mod a7;
 mod b1;
 mod b10;
 mod b11;
+mod c1;
+mod c2;
+mod c3;
+mod c4;
+mod c5;
 mod case;
 mod output;
 mod p1;
+mod samples;
 mod trial;
 
 use std::path::PathBuf;
@@ -35,8 +42,24 @@ use trial::Trial;
 pub(crate) use trial::power_law;
 
 /// Every case, in the order in which they run.
-const CASES: &[Case] =
-    &[a1::CASE, a2::CASE, a3::CASE, a4::CASE, a6::CASE, a7::CASE, b1::CASE, b10::CASE, b11::CASE, p1::CASE];
+const CASES: &[Case] = &[
+    a1::CASE,
+    a2::CASE,
+    a3::CASE,
+    a4::CASE,
+    a5::CASE,
+    a6::CASE,
+    a7::CASE,
+    b1::CASE,
+    b10::CASE,
+    b11::CASE,
+    c1::CASE,
+    c2::CASE,
+    c3::CASE,
+    c4::CASE,
+    c5::CASE,
+    p1::CASE,
+];
 
 /// All registered cases.
 pub fn cases() -> &'static [Case] {
@@ -50,18 +73,22 @@ Examples:
   glebe validate --quick
   glebe validate A1 oblique-impact --out figures
   glebe validate --quick --json
+  glebe validate C3 --device cuda:0 --resume    after a stop: the rest of its study only
 
 Exit codes: 0 all passed, 1 a case failed, 2 no such case or device.")]
 pub struct ValidateArgs {
     /// Cases by id or name; all if none is named
     #[arg(value_name = "NAME", value_parser = names(), ignore_case = true, hide_possible_values = true)]
     pub names: Vec<String>,
-    /// Smaller sizes: all cases together take about four minutes on two cores
+    /// Smaller sizes: all cases together take about ten minutes on two cores
     #[arg(long)]
     pub quick: bool,
-    /// Folder for figures and results.json; those of an earlier validation in it are replaced
+    /// Folder for figures, results.json and studies; those of an earlier validation in it are replaced
     #[arg(long, value_name = "DIR", default_value = "validation-results")]
     pub out: PathBuf,
+    /// Goes on with the studies of cases that are in that folder, after a stop or a crash
+    #[arg(long)]
+    pub resume: bool,
     /// Where to compute: auto, cpu, gpu, gpu:N or cuda:N, as `glebe devices` lists them
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     pub device: Device,
@@ -111,6 +138,7 @@ impl ValidateError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Unknown { .. } | Self::Device(_) | Self::Output(OutputError::Malformed { .. }) => 2,
+            Self::Case { source: CaseError::Study(e), .. } if e.is_input() => 2,
             _ => 1,
         }
     }
@@ -133,7 +161,7 @@ pub fn run(args: &ValidateArgs, ui: &Ui) -> Result<bool, ValidateError> {
     let mut outcomes = Vec::new();
     for case in cases {
         ui.note(&format!("running {} {}", case.id, case.name));
-        let outcome = pool.install(|| evaluate(case, args.quick, chosen.backend))?;
+        let outcome = pool.install(|| evaluate(case, args, chosen.backend))?;
         output::write_figures(&args.out, &outcome)?;
         if !ui.json() {
             ui.print(&output::table(&outcome, &args.out));
@@ -146,14 +174,18 @@ pub fn run(args: &ValidateArgs, ui: &Ui) -> Result<bool, ValidateError> {
     Ok(outcomes.iter().all(Outcome::passed))
 }
 
-/// Runs one case, in its quick or full size, on a backend and the threads of the current pool.
+/// Runs one case, as asked for, on a backend and the threads of the current pool.
 ///
 /// # Errors
 /// [`ValidateError::Case`] if its scene cannot be built or run.
-pub fn evaluate(case: &'static Case, quick: bool, backend: Backend) -> Result<Outcome, ValidateError> {
+pub fn evaluate(
+    case: &'static Case,
+    args: &ValidateArgs,
+    backend: Backend,
+) -> Result<Outcome, ValidateError> {
     let began = Instant::now();
-    let findings =
-        (case.run)(Trial { quick, backend }).map_err(|source| ValidateError::Case { id: case.id, source })?;
+    let trial = Trial { quick: args.quick, backend, results: &args.out, resume: args.resume };
+    let findings = (case.run)(trial).map_err(|source| ValidateError::Case { id: case.id, source })?;
     Ok(Outcome { case, findings, seconds: began.elapsed().as_secs_f64() })
 }
 

@@ -39,7 +39,7 @@ const DRIFT: f64 = 1e-4;
 /// The same of the momentum, as a share of the sum of its sizes.
 const MOMENTUM: f64 = 1e-4;
 
-fn run(trial: Trial) -> Result<Findings, CaseError> {
+fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let steps = if trial.quick { QUICK } else { FULL };
     let done = fly(steps, trial.backend)?;
     let spec = &done.batch.constants(0).spec;

@@ -5,25 +5,52 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status};
 use glebe_engine::spec::WorldSpec;
 use glebe_engine::state::{StageResult, State};
 use glebe_engine::{Constants, prepare};
+use glebe_io::output::Existing;
 use glebe_io::scene::{Scene, SceneError};
+use glebe_io::study::Study;
+use glebe_study::calibrate::Settings;
 use glebe_study::fit::line;
 
 use super::case::CaseError;
 use crate::device::admit;
 
+/// Wall time between checkpoints of a study's worlds: what a stop loses at most.
+const CHECKPOINT_EVERY: Duration = Duration::from_secs(120);
+
 /// How a case is run.
 #[derive(Clone, Copy, Debug)]
-pub struct Trial {
+pub struct Trial<'a> {
     /// In its quick size.
     pub quick: bool,
     /// What computes.
     pub backend: Backend,
+    /// Where studies of the case leave their results.
+    pub results: &'a Path,
+    /// Whether studies that were begun there go on.
+    pub resume: bool,
+}
+
+impl Trial<'_> {
+    /// How a study of the case is run, whose results have a folder of their own.
+    pub fn study(&self, name: &str) -> Settings {
+        let out = self.results.join(name);
+        // A stop may have come before the study was begun.
+        let goes_on = self.resume && out.exists();
+        Settings {
+            backend: self.backend,
+            memory: crate::device::memory(self.backend),
+            existing: if goes_on { Existing::Resume } else { Existing::Replace },
+            checkpoint_every: CHECKPOINT_EVERY,
+            ..Settings::new(out)
+        }
+    }
 }
 
 /// A scene file of a case, as it is in `validation/`.
@@ -46,6 +73,17 @@ macro_rules! scene_file {
 pub(super) use scene_file;
 
 impl SceneFile {
+    /// The file with other text in some places.
+    pub fn with(&self, changes: &[(&str, &str)]) -> Result<String, CaseError> {
+        changes.iter().try_fold(self.text.to_owned(), |text, (from, to)| {
+            if text.contains(from) {
+                Ok(text.replace(from, to))
+            } else {
+                Err(CaseError::Scene(format!("{} has no `{from}`", self.name)))
+            }
+        })
+    }
+
     /// The scene's world, with overrides as `--set` takes them.
     pub fn world(&self, sets: &[String]) -> Result<WorldSpec, CaseError> {
         self.world_in(Path::new("."), sets)
@@ -154,6 +192,24 @@ impl Folder {
         let path = std::env::temp_dir().join(format!("glebe-{name}-{}", std::process::id()));
         fs::create_dir_all(&path)?;
         Ok(Self(path))
+    }
+
+    /// A study whose scene has a text of its own, with overrides as `--set` takes them. Both lie as in the repository,
+    /// since a study names its scene from where it is; `beside` writes what the scene names into its folder.
+    pub fn study(
+        &self,
+        (scene, text): (&SceneFile, &str),
+        study: &SceneFile,
+        sets: &[String],
+        beside: impl FnOnce(&Path) -> Result<(), CaseError>,
+    ) -> Result<Study, CaseError> {
+        for (name, text) in [(scene.name, text), (study.name, study.text)] {
+            let path = self.0.join(name);
+            path.parent().map_or(Ok(()), fs::create_dir_all)?;
+            fs::write(path, text)?;
+        }
+        self.0.join(scene.name).parent().map_or(Ok(()), beside)?;
+        Study::load(&self.0.join(study.name), sets).map_err(|errors| wrong(&errors))
     }
 }
 
