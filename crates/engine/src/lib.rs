@@ -18,6 +18,7 @@ mod bytes;
 mod failure;
 mod setup;
 mod speed;
+mod survey;
 
 pub use bytes::BytesError;
 pub use failure::{Failure, SetupError};
