@@ -16,6 +16,7 @@ mod a7;
 mod b1;
 mod b10;
 mod b11;
+mod c6;
 mod case;
 mod output;
 mod p1;
@@ -35,8 +36,19 @@ use trial::Trial;
 pub(crate) use trial::power_law;
 
 /// Every case, in the order in which they run.
-const CASES: &[Case] =
-    &[a1::CASE, a2::CASE, a3::CASE, a4::CASE, a6::CASE, a7::CASE, b1::CASE, b10::CASE, b11::CASE, p1::CASE];
+const CASES: &[Case] = &[
+    a1::CASE,
+    a2::CASE,
+    a3::CASE,
+    a4::CASE,
+    a6::CASE,
+    a7::CASE,
+    b1::CASE,
+    b10::CASE,
+    b11::CASE,
+    c6::CASE,
+    p1::CASE,
+];
 
 /// All registered cases.
 pub fn cases() -> &'static [Case] {
@@ -50,6 +62,7 @@ Examples:
   glebe validate --quick
   glebe validate A1 oblique-impact --out figures
   glebe validate --quick --json
+  glebe validate A6 --device gpu --work a6       again after an interruption: it goes on
 
 Exit codes: 0 all passed, 1 a case failed, 2 no such case or device.")]
 pub struct ValidateArgs {
@@ -62,6 +75,9 @@ pub struct ValidateArgs {
     /// Folder for figures and results.json; those of an earlier validation in it are replaced
     #[arg(long, value_name = "DIR", default_value = "validation-results")]
     pub out: PathBuf,
+    /// Folder in which the calibrations (A6, C6) keep their worlds: stopped at any time, they go on there in the next run
+    #[arg(long, value_name = "DIR")]
+    pub work: Option<PathBuf>,
     /// Where to compute: auto, cpu, gpu, gpu:N or cuda:N, as `glebe devices` lists them
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     pub device: Device,
@@ -130,10 +146,13 @@ pub fn run(args: &ValidateArgs, ui: &Ui) -> Result<bool, ValidateError> {
     chosen.note.iter().for_each(|line| ui.note(line));
     let device = pool.install(|| chosen.backend.device());
     output::claim(&args.out, &cases)?;
+    // Once in the life of the program.
+    let work = args.work.clone().map(|path| &*Box::leak(path.into_boxed_path()));
     let mut outcomes = Vec::new();
     for case in cases {
         ui.note(&format!("running {} {}", case.id, case.name));
-        let outcome = pool.install(|| evaluate(case, args.quick, chosen.backend))?;
+        let trial = Trial { quick: args.quick, backend: chosen.backend, work };
+        let outcome = pool.install(|| evaluate_as(case, trial))?;
         output::write_figures(&args.out, &outcome)?;
         if !ui.json() {
             ui.print(&output::table(&outcome, &args.out));
@@ -151,9 +170,12 @@ pub fn run(args: &ValidateArgs, ui: &Ui) -> Result<bool, ValidateError> {
 /// # Errors
 /// [`ValidateError::Case`] if its scene cannot be built or run.
 pub fn evaluate(case: &'static Case, quick: bool, backend: Backend) -> Result<Outcome, ValidateError> {
+    evaluate_as(case, Trial { quick, backend, work: None })
+}
+
+fn evaluate_as(case: &'static Case, trial: Trial) -> Result<Outcome, ValidateError> {
     let began = Instant::now();
-    let findings =
-        (case.run)(Trial { quick, backend }).map_err(|source| ValidateError::Case { id: case.id, source })?;
+    let findings = (case.run)(trial).map_err(|source| ValidateError::Case { id: case.id, source })?;
     Ok(Outcome { case, findings, seconds: began.elapsed().as_secs_f64() })
 }
 

@@ -5,13 +5,16 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status};
 use glebe_engine::spec::WorldSpec;
 use glebe_engine::state::{StageResult, State};
 use glebe_engine::{Constants, prepare};
+use glebe_io::output::{Existing, OutputDir};
 use glebe_io::scene::{Scene, SceneError};
+use glebe_study::calibrate::{Settings, StudyError};
 use glebe_study::fit::line;
 
 use super::case::CaseError;
@@ -24,6 +27,8 @@ pub struct Trial {
     pub quick: bool,
     /// What computes.
     pub backend: Backend,
+    /// Where long cases keep their worlds, to go on with them in a later run.
+    pub work: Option<&'static Path>,
 }
 
 /// A scene file of a case, as it is in `validation/`.
@@ -145,20 +150,44 @@ pub fn power_law(x: &[f64], y: &[f64]) -> f64 {
     line(&log(x), &log(y)).map_or(f64::NAN, |[_, p]| p)
 }
 
-/// A folder for files of a case, which goes when it ends.
-pub struct Folder(pub PathBuf);
+/// A folder for files of a case, which goes when it ends unless it is to be kept.
+pub struct Folder(pub PathBuf, bool);
 
 impl Folder {
     /// A new one, named after the case.
     pub fn new(name: &str) -> Result<Self, CaseError> {
         let path = std::env::temp_dir().join(format!("glebe-{name}-{}", std::process::id()));
         fs::create_dir_all(&path)?;
-        Ok(Self(path))
+        Ok(Self(path, false))
+    }
+
+    /// That of a long case: kept where the trial says so, for a later run.
+    pub fn of(name: &str, trial: Trial) -> Result<Self, CaseError> {
+        let Some(work) = trial.work else { return Self::new(name) };
+        let path = work.join(if trial.quick { format!("{name}-quick") } else { name.to_owned() });
+        fs::create_dir_all(&path)?;
+        Ok(Self(path, true))
+    }
+
+    /// Settings of a study of a long case, which goes on where an earlier run was stopped.
+    pub fn study(&self, name: &str, trial: Trial) -> Result<Settings, CaseError> {
+        let out = self.0.join(name);
+        let begun = out.is_dir() && !OutputDir::is_vacant(&out).map_err(StudyError::from)?;
+        Ok(Settings {
+            backend: trial.backend,
+            memory: crate::device::memory(trial.backend),
+            existing: if begun { Existing::Resume } else { Existing::Refuse },
+            checkpoint_every: Duration::from_secs(120),
+            ..Settings::new(out)
+        })
     }
 }
 
 impl Drop for Folder {
     fn drop(&mut self) {
+        if self.1 {
+            return;
+        }
         // What is left of it in the folder for temporary files harms nobody.
         let _ = fs::remove_dir_all(&self.0);
     }
