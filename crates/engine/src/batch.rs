@@ -14,6 +14,7 @@ use crate::setup::{Constants, prepare};
 use crate::spec::{Action, Pose, Until, Vec3, WorldSpec};
 use crate::speed::too_fast;
 use crate::state::{Bonds, Ledger, MeasureState, Progress, StageResult, State, draught};
+use crate::survey::survey;
 
 /// Steps after which a stage that waits for a low kinetic energy may end though it was never above it.
 const PATIENCE: u64 = 100;
@@ -437,14 +438,32 @@ impl Batch {
         removed
     }
 
+    /// What the particles of a world come to now that its stage ends.
+    fn surveys(&self, w: usize, c: &Constants) -> Vec<MeasureState> {
+        let surveys = &c.spec.stages[self.worlds[w].progress.stage].surveys;
+        if surveys.is_empty() {
+            return Vec::new();
+        }
+        let state = self.state(w);
+        let one = |found: Option<f64>| {
+            let mut value = MeasureState::default();
+            if let Some(x) = found {
+                value.add(x);
+            }
+            value
+        };
+        surveys.iter().map(|s| one(survey(c, &state, &s.of))).collect()
+    }
+
     fn end_stage<O: Observer>(
         &mut self,
         w: usize,
         ended_by: &'static str,
         observer: &mut O,
     ) -> Result<(), O::Error> {
+        let c = self.worlds[w].constants.clone();
+        let surveyed = self.surveys(w, &c);
         let world = &mut self.worlds[w];
-        let c = world.constants.clone();
         // Where the motion changes the new one begins from where the surface stands; a motion that lasts over
         // stages goes on undisturbed.
         let next = world.progress.stage + 1;
@@ -459,12 +478,14 @@ impl Batch {
             .collect();
         let g = &mut world.progress;
         let index = g.stage;
+        let mut measures = std::mem::take(&mut g.measures);
+        measures.extend(surveyed);
         let result = StageResult {
             name: c.spec.stages[index].name.clone(),
             ended_by: ended_by.to_owned(),
             time: g.step as f64 * c.dt,
             trimmed: g.trimmed,
-            measures: std::mem::take(&mut g.measures),
+            measures,
         };
         for (surface, pose) in g.surfaces.iter_mut().zip(placed) {
             if let Some(pose) = pose {

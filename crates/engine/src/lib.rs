@@ -19,6 +19,7 @@ mod bytes;
 mod failure;
 mod setup;
 mod speed;
+mod survey;
 
 pub use bytes::BytesError;
 pub use failure::{Failure, SetupError};

@@ -10,8 +10,8 @@ use crate::cell::{self, Cell};
 use crate::failure::SetupError;
 use crate::lattice::{Lattice, Vec3x3, add, cross, dot, mul, norm, scale, sub};
 use crate::spec::{
-    Action, Component, Frustum, Motion, ParticleSet, Pose, Shape, Side, Step, Surface, TriMesh, Vec3,
-    WorldSpec,
+    Action, Component, Frustum, Motion, ParticleSet, Pose, Shape, Side, Step, Surface, Surveyed, TriMesh,
+    Vec3, WorldSpec,
 };
 use crate::speed;
 use crate::state::{MeasureState, Particles, Place, Progress, Spin, State, SurfaceState, Velocity};
@@ -448,6 +448,18 @@ fn check_references(spec: &WorldSpec) -> Result<(), SetupError> {
         });
         if axes.into_iter().any(|k| k > 2) {
             return bad(format!("a measure of the stage `{}` names an axis above 2", stage.name));
+        }
+        for survey in &stage.surveys {
+            let wrong = match survey.of {
+                Surveyed::AngleOfRepose if spec.gravity == [0.0; 3] => {
+                    "a slope against gravity, and there is none"
+                }
+                Surveyed::BulkDensity { min, max } if (0..3).any(|k| min[k] >= max[k]) => {
+                    "of a box without a volume"
+                }
+                _ => continue,
+            };
+            return bad(format!("the survey `{}` of the stage `{}` is {wrong}", survey.name, stage.name));
         }
     }
     Ok(())

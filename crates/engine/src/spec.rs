@@ -323,6 +323,8 @@ pub struct Stage {
     pub moves: Vec<(usize, Motion)>,
     /// What is measured.
     pub measures: Vec<Measure>,
+    /// What its particles come to when it ends.
+    pub surveys: Vec<Survey>,
     /// How the cell deforms; it stands still in stages that do not say.
     pub deformation: Option<Deformation>,
 }
@@ -416,6 +418,49 @@ pub struct Measure {
     pub window: Window,
 }
 
+/// A number that the particles of a world come to at the end of a stage.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Survey {
+    /// Name in the summary.
+    pub name: String,
+    /// What it is.
+    pub of: Surveyed,
+}
+
+/// What particles come to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Surveyed {
+    /// The slope of the heap that they form \[rad\]: highest points in rings about the axis against gravity through their
+    /// middle, each ring as wide as a mean particle; a straight line by least squares through those between 20 % and 80 %
+    /// of its height that are 1.5 mean diameters over its foot. None if there are fewer than three.
+    AngleOfRepose,
+    /// Mass over volume in a box \[kg/m³\]; particles that one of its faces cuts count with their share.
+    BulkDensity {
+        /// Corner of least coordinates \[m\].
+        min: Vec3,
+        /// Corner of largest coordinates \[m\].
+        max: Vec3,
+    },
+}
+
+impl Surveyed {
+    /// Its SI unit.
+    pub fn unit(&self) -> &'static str {
+        match self {
+            Self::AngleOfRepose => "rad",
+            Self::BulkDensity { .. } => "kg/m^3",
+        }
+    }
+}
+
+impl Stage {
+    /// What the stage measures and surveys, in the order of its results: names and SI units.
+    pub fn measured(&self) -> impl Iterator<Item = (&str, &'static str)> {
+        let measures = self.measures.iter().map(|m| (m.name.as_str(), m.component.unit()));
+        measures.chain(self.surveys.iter().map(|s| (s.name.as_str(), s.of.unit())))
+    }
+}
+
 /// A component of the force that particles exert on a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Component {
@@ -425,6 +470,13 @@ pub enum Component {
     Torque(usize),
     /// The force against the surface's velocity, `-F·v/|v|` \[N\]: what a tractor has to pull.
     Draught,
+}
+
+impl Component {
+    /// Its SI unit.
+    pub fn unit(&self) -> &'static str {
+        if matches!(self, Self::Torque(_)) { "N m" } else { "N" }
+    }
 }
 
 /// The part of a stage that a measure covers.

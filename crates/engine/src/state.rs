@@ -222,9 +222,9 @@ impl Ledger {
 /// Progress of a measure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MeasureState {
-    /// Steps counted.
+    /// Steps counted; of a survey 1, or 0 if there was no such thing.
     pub n: u64,
-    /// Mean \[N\] or \[N m\].
+    /// Mean, in the SI unit of what is measured.
     pub mean: f64,
     /// Sum of squared deviations (Welford).
     pub m2: f64,
@@ -255,7 +255,7 @@ pub struct StageResult {
     pub time: f64,
     /// Particles removed by its actions.
     pub trimmed: u64,
-    /// Its measures, in the order of the specification.
+    /// Its measures, then its surveys, in the order of the specification.
     pub measures: Vec<MeasureState>,
 }
 

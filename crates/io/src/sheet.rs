@@ -31,7 +31,7 @@ pub enum SheetError {
         /// Line of the header.
         line: u64,
         /// The column.
-        missing: &'static str,
+        missing: String,
         /// The columns that are there.
         found: Vec<String>,
         /// The columns that may be there, in words.
@@ -189,17 +189,40 @@ impl<'a> Header<'a> {
         let line = self.line;
         let at = self.find(meaning).ok_or_else(|| {
             let found = self.found.iter().map(|heading| format!("`{heading}`")).collect();
-            SheetError::MissingColumn { line, missing: meaning.name, found, known: self.known }
+            SheetError::MissingColumn { line, missing: meaning.name.to_owned(), found, known: self.known }
         })?;
+        self.column(at, meaning.name, meaning.dimension)
+    }
+
+    fn column(&self, at: usize, name: &'static str, dimension: Dimension) -> Result<Column, SheetError> {
         let factor = match split(self.found[at]).1 {
-            Some(unit) => Factor::of(unit, meaning.dimension, unit).map_err(|e| SheetError::Unit {
-                line,
+            Some(unit) => Factor::of(unit, dimension, unit).map_err(|e| SheetError::Unit {
+                line: self.line,
                 heading: self.found[at].to_owned(),
                 problem: e.to_string(),
             })?,
             None => Factor::ONE,
         };
-        Ok(Column { at, name: meaning.name, factor })
+        Ok(Column { at, name, factor })
+    }
+
+    /// A column that must be there, by a heading that the user gives, without its unit; `role` is its name in messages.
+    pub fn called(
+        &self,
+        heading: &str,
+        role: &'static str,
+        dimension: Dimension,
+    ) -> Result<Column, SheetError> {
+        let line = self.line;
+        let mut all = (0..self.found.len()).filter(|k| split(self.found[*k]).0.eq_ignore_ascii_case(heading));
+        let at = all.next().ok_or_else(|| {
+            let found = self.found.iter().map(|heading| format!("`{heading}`")).collect();
+            SheetError::MissingColumn { line, missing: heading.to_owned(), found, known: self.known }
+        })?;
+        if all.next().is_some() {
+            return Err(SheetError::TwiceColumn { line, name: heading.to_owned() });
+        }
+        self.column(at, role, dimension)
     }
 
     /// Columns that must all be there.

@@ -49,6 +49,9 @@ dimensions! {
 }
 
 impl Dimension {
+    /// A torque \[N m\]; units tell it from an energy by their name alone.
+    pub const TORQUE: Self = Self { name: "torque", si: "N m", examples: r#"0.5 or "0.5 N m""# };
+
     /// The dimension of an SI unit, named if it is a known one.
     pub fn of_si(si: &'static str) -> Self {
         let wanted = parse_unit(si).ok().map(|u| u.powers);

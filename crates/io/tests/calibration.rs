@@ -2,10 +2,11 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail by panicking")]
 
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use glebe_io::scene::SceneError;
-use glebe_io::study::{Calibration, Method, Statistic, Stop, Study, calibration_schema};
+use glebe_io::study::{Calibration, Method, Quantity, Statistic, Stop, Study, calibration_schema};
 
 /// A calibration of the example scene that is right.
 const STUDY: &str = r#"title = "Soil"
@@ -76,8 +77,9 @@ fn values_are_read_with_the_units_of_the_scene() {
     );
     assert_eq!((c.followers[0].of, c.followers[0].factor), (2, 1.1));
     let t = &c.targets[0];
-    assert_eq!((t.stage.as_str(), t.measure.as_str(), t.unit), ("till", "draught_force", "N"));
-    assert_eq!((t.value, t.scatter, t.weight, t.statistic), (309.5, 14.5, 1.0, Statistic::Mean));
+    let (stage, measure) = ("till".to_owned(), "draught_force".to_owned());
+    assert_eq!(t.quantity, Quantity::Measure { stage, measure, statistic: Statistic::Mean });
+    assert_eq!((&t.values[..], &t.scatters[..], t.weight, t.unit), (&[309.5][..], &[14.5][..], 1.0, "N"));
     assert_eq!((c.experiments.len(), c.experiments[0].name.as_str(), c.seed), (1, "", 1));
 }
 
@@ -160,6 +162,192 @@ fn mistakes_are_told_with_their_places_and_what_to_do() {
     }
     let empty = all(&read("scene = \"example.toml\"\nfree = {}\ntarget = {}\n", &[]).unwrap_err());
     assert!(empty.contains("nothing is free") && empty.contains("has no target"), "{empty}");
+}
+
+/// Files of a test, in a folder of their own.
+struct Files(PathBuf);
+
+impl Files {
+    fn new(name: &str, files: &[(&str, &str)]) -> Self {
+        let folder = std::env::temp_dir().join(format!("glebe-calibration-{name}-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        for (name, text) in files {
+            fs::write(folder.join(name), text).unwrap();
+        }
+        Self(folder)
+    }
+
+    fn read(&self, text: &str) -> Result<Calibration, Vec<SceneError>> {
+        Calibration::parse("study.toml", text, &self.0, &[])
+    }
+}
+
+impl Drop for Files {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+const PUSH: &str = "# displacement [mm], note, Force (kN), sd [N]\n0,a,0,5\n\n100,b,0.2,10\n250,c,0.3,20\n";
+const CURVE: &str = r#"[target.push]
+file = "push.csv"
+stage = "till"
+x = "sweep.path"
+x_column = "displacement"
+y = "sweep.draught"
+y_column = "force"
+scatter_column = "sd"
+"#;
+
+fn with_curve() -> (Files, String) {
+    let scene = include_str!("scene_common/example.toml");
+    let files = Files::new(
+        &format!("{:?}", std::thread::current().id()),
+        &[("example.toml", scene), ("push.csv", PUSH)],
+    );
+    let text = STUDY.split("[target.draught]").next().unwrap().to_owned() + CURVE;
+    (files, text)
+}
+
+#[test]
+fn curves_are_read_with_the_units_of_their_headings() {
+    let (files, text) = with_curve();
+    let c = files.read(&text).unwrap_or_else(|errors| panic!("{}", all(&errors)));
+    let t = &c.targets[0];
+    let Quantity::Curve { stage, x, y, at, x_unit } = &t.quantity else { panic!("{t:?}") };
+    assert_eq!(
+        (stage.as_deref(), x.as_str(), y.as_str(), *x_unit),
+        (Some("till"), "sweep.path", "sweep.draught", "m")
+    );
+    assert_eq!(at, &[0.0, 0.1, 0.25]);
+    assert_eq!(
+        (&t.values[..], &t.scatters[..], t.unit),
+        (&[0.0, 200.0, 300.0][..], &[5.0, 10.0, 20.0][..], "N")
+    );
+    let constant = text.replace("scatter_column = \"sd\"", "scatter = \"0.01 kN\"\nweight = 3");
+    let t = &files.read(&constant).unwrap_or_else(|errors| panic!("{}", all(&errors))).targets[0];
+    assert_eq!((&t.scatters[..], t.weight), (&[10.0; 3][..], 3.0));
+}
+
+#[test]
+fn mistakes_in_curves_are_told_with_their_lines() {
+    let (files, text) = with_curve();
+    let wrong = |from: &str, to: &str| {
+        assert_eq!(text.matches(from).count(), 1, "{from}");
+        all(&files.read(&text.replace(from, to)).map(|c| panic!("{c:?}")).unwrap_err())
+    };
+    for (from, to, parts) in [
+        (
+            "\"displacement\"",
+            "\"path\"",
+            &["push.csv", "line 1: no column `path`", "`Force (kN)`", "x_column"][..],
+        ),
+        ("y = \"sweep.draught\"", "y = \"sweep.path\"", &["column `Force (kN)`", "not a length"]),
+        ("sweep.path", "sweep.paht", &["has no column `sweep.paht`", "series.csv"]),
+        ("stage = \"till\"", "stage = \"tlil\"", &["no stage `tlil`", "did you mean `till`?"]),
+        ("stage = \"till\"\n", "", &["needs `stage`"]),
+        ("scatter_column = \"sd\"\n", "", &["needs `scatter` or `scatter_column`"]),
+        ("x = \"sweep.path\"\n", "", &["needs `x`"]),
+        ("push.csv", "none.csv", &["cannot read the curve", "none.csv"]),
+        ("file = \"push.csv\"", "file = \"push.csv\"\nvalue = 3", &["value"]),
+        (
+            "file = \"push.csv\"",
+            "file = \"push.csv\"\nmeasure = \"till.draught_force\"",
+            &["exclude each other"],
+        ),
+    ] {
+        let text = wrong(from, to);
+        for part in parts {
+            assert!(text.contains(part), "no `{part}` for `{to}` in:\n{text}");
+        }
+    }
+    for (file, parts) in [
+        (PUSH.replace("250,", "100,"), &["line 5", "0.1 after 0.1", "sort"][..]),
+        (PUSH.replace(",20", ",0"), &["line 5", "more than 0"]),
+        (PUSH.replace("0.2", "two"), &["line 4, column 3 (y): `two` is not a number"]),
+        ("displacement,force,sd\n1,2,3\n".to_owned(), &["has 1 of the two lines"]),
+        (String::new(), &["has 0 of the two lines"]),
+    ] {
+        fs::write(files.0.join("push.csv"), file).unwrap();
+        let text = all(&files.read(&text).map(|c| panic!("{c:?}")).unwrap_err());
+        for part in parts {
+            assert!(text.contains(part), "no `{part}` in:\n{text}");
+        }
+    }
+}
+
+const GRAINS: &str = r#"[domain]
+min = [0, 0, 0]
+max = [0.1, 0.1, 0.1]
+sides = { x = "periodic", y = "periodic", z = "periodic" }
+[material.grain]
+density = 2650
+youngs_modulus = "100 MPa"
+poissons_ratio = 0.3
+restitution = 0.2
+friction = 0.5
+[particles.grains]
+material = "grain"
+count = 100
+radius = "1 mm"
+fill = "random"
+[[stage]]
+name = "wait"
+duration = 0.001
+"#;
+const SAMPLES: &str = "scene = \"grains.toml\"\n[consolidate]\npressure = \"100 kPa\"\n\
+                       [load]\nprogram = \"drained-triaxial\"\nstrain = 0.1\n";
+const TRIAXIAL: &str = r#"study = "samples.toml"
+[experiment.low]
+[experiment.high]
+set = ["consolidate.pressure=200e3"]
+[free.friction]
+path = "material.grain.friction"
+bounds = [0.1, 0.9]
+[target.peak]
+experiment = "low"
+measure = "peak.q_over_p"
+value = 1.2
+scatter = 0.05
+[target.q]
+experiment = "high"
+file = "q.csv"
+x = "strain"
+x_column = "eps_a"
+y = "q"
+scatter = "5 kPa"
+"#;
+
+#[test]
+fn studies_of_periodic_samples_are_models_too() {
+    let files = [
+        ("grains.toml", GRAINS),
+        ("samples.toml", SAMPLES),
+        (
+            "vary.toml",
+            &(SAMPLES.to_owned() + "[vary.e]\npath = \"material.grain.friction\"\nvalues = [0.1]\n"),
+        ),
+        ("q.csv", "eps_a [%],q [kPa]\n0,0\n1,50\n10,120\n"),
+    ];
+    let files = Files::new("samples", &files);
+    let c = files.read(TRIAXIAL).unwrap_or_else(|errors| panic!("{}", all(&errors)));
+    assert!(c.experiments.iter().all(|e| e.samples.is_some() && e.scene.ends_with("grains.toml")));
+    assert_eq!(c.targets[0].quantity, Quantity::Number("peak.q_over_p"));
+    let Quantity::Curve { stage: None, at, .. } = &c.targets[1].quantity else { panic!("{c:?}") };
+    assert_eq!((&at[..], &c.targets[1].values[..]), (&[0.0, 0.01, 0.1][..], &[0.0, 5e4, 1.2e5][..]));
+    for (from, to, part) in [
+        ("peak.q_over_p", "peak.q_over", "did you mean `peak.q_over_p`?"),
+        ("y = \"q\"", "y = \"qq\"", "no column `qq`"),
+        ("\"samples.toml\"", "\"vary.toml\"", "something varies"),
+        ("\"samples.toml\"", "\"grains.toml\"", "needs"),
+        ("\"samples.toml\"", "\"samples.toml\"\nscene = \"grains.toml\"", "exclude each other"),
+        ("measure = ", "statistic = \"std\"\nmeasure = ", "means nothing of periodic samples"),
+        ("x_column = ", "stage = \"a\"\nx_column = ", "means nothing of periodic samples"),
+    ] {
+        assert_eq!(TRIAXIAL.matches(from).count(), 1, "{from}");
+        let text = all(&files.read(&TRIAXIAL.replace(from, to)).map(|c| panic!("{c:?}")).unwrap_err());
+        assert!(text.contains(part), "no `{part}` for `{to}` in:\n{text}");
+    }
 }
 
 #[test]

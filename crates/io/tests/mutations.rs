@@ -14,7 +14,9 @@ use glebe_engine::state::State;
 use glebe_io::checkpoint::{self, Header};
 use glebe_io::mesh::{self, Transform};
 use glebe_io::scene::Scene;
+use glebe_io::study::measured::{self, Headings};
 use glebe_io::study::{Calibration, Study};
+use glebe_io::units::Dimension;
 use glebe_io::{particles, poses};
 use sha2::{Digest, Sha256};
 
@@ -148,6 +150,12 @@ fn poses_are_read(bytes: &[u8]) -> bool {
     poses::parse(Path::new("a"), bytes).is_ok()
 }
 
+fn curve_is_read(bytes: &[u8]) -> bool {
+    let x = ("displacement", Dimension::LENGTH);
+    let headings = Headings { x, y: ("force", Dimension::FORCE), scatter: Some("sd") };
+    measured::parse(Path::new("a"), bytes, headings).is_ok()
+}
+
 fn scene_is_read(bytes: &[u8]) -> bool {
     str::from_utf8(bytes).is_ok_and(|text| Scene::parse("scene.toml", text, &[]).is_ok())
 }
@@ -235,6 +243,7 @@ fn the_corpus_of_fuzzing_is_read_or_refused() {
 #[test]
 fn pose_tables() {
     torment("poses", &seeds("poses"), poses_are_read);
+    torment("curve", &seeds("curve"), curve_is_read);
 }
 
 /// The bytes of a small state, with contacts that remember something.

@@ -7,7 +7,7 @@ mod scene_common;
 use std::f64::consts::PI;
 
 use glebe_engine::generate::SizeDistribution;
-use glebe_engine::spec::{Component, Drive, Rotation, Side, Step, Window};
+use glebe_engine::spec::{Component, Drive, Rotation, Side, Step, Surveyed, Window};
 use glebe_io::scene::{GeometryShape, Origin, Scene, SceneError, schema};
 use glebe_io::tool::{Sweep, Tool};
 use glebe_physics::{ContactEnd, History, IntegratorKind, LawChoice, MixingRule, PairLaws, ShearModulusRule};
@@ -586,4 +586,31 @@ fn the_schema_documents_every_key() {
         }
     }
     check(&schema(), "");
+}
+
+#[test]
+fn surveys_are_of_particles_at_the_end_of_a_stage() {
+    let box_ = "{ min = [0, 0, 0], max = [\"10 cm\", 0.2, 0.3] }";
+    let density = format!("density = {{ of = \"bulk-density\", region = {box_} }}");
+    let survey = |what: &str| format!("stage.settle.survey={{ {what} }}");
+    let scene = with(EXAMPLE, &[&survey(&format!("slope = {{ of = \"angle-of-repose\" }}, {density}"))]);
+    let found: Vec<_> = scene.stages[0].surveys.iter().map(|s| (s.name.as_str(), s.of)).collect();
+    let region = Surveyed::BulkDensity { min: [0.0; 3], max: [0.1, 0.2, 0.3] };
+    assert_eq!(found, [("slope", Surveyed::AngleOfRepose), ("density", region)]);
+    let wrong = |set: &str| {
+        let errors = attempt(EXAMPLE, &[set]).map(|scene| panic!("{scene:?}")).unwrap_err();
+        errors.iter().map(|error| format!("{error:#}")).collect::<Vec<_>>().concat()
+    };
+    for (set, part) in [
+        (survey("a = { of = \"angle-of-rest\" }"), "angle-of-repose"),
+        (survey("a = { of = \"bulk-density\" }"), "`survey.a` needs `region`"),
+        (survey(&density.replace("0.3]", "-0.3]")), "no extent along z"),
+        (survey(&density.replace("bulk-density", "angle-of-repose")), "means nothing of an angle of repose"),
+        (
+            survey("draught_force = { of = \"angle-of-repose\" }").replace("settle", "till"),
+            "the name of a measure of this stage already",
+        ),
+    ] {
+        assert!(wrong(&set).contains(part), "no `{part}` for {set} in {}", wrong(&set));
+    }
 }

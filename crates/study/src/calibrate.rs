@@ -1,28 +1,32 @@
 //! Calibrations: parameters of scenes for which their measures come to what was measured.
 //!
 //! A search asks for rounds of points ([`crate::search`]); each round is a batch of worlds, each of which is a scene with
-//! arguments of `--set`. Worlds that have ended are journaled. A search is a function of its seed and of what worlds
+//! arguments of `--set`. Worlds that have ended are journaled, and the periodic samples of a round are a study of their own, in a folder of its
+//! own. A search is a function of its seed and of what worlds
 //! measured, so a calibration that was stopped anywhere goes through its rounds again with what is journaled, and goes on
 //! with the rest to the same bits.
 
 mod answers;
+mod curves;
+mod found;
 mod identify;
 mod plan;
 mod results;
+mod rounds;
 
 use std::collections::BTreeMap;
 use std::time::Instant;
 
 use glebe_io::output::{Journal, summary};
-use glebe_io::study::{Method, Statistic, Target};
-use rayon::prelude::*;
+use glebe_io::study::Method;
 
 pub use self::answers::{Agent, Cluster, Interval};
+use self::found::{Given, shown};
 pub use self::identify::Known;
 pub use self::plan::Plan;
 pub use self::results::{Counts, Parameter, Round, Summary, Wanted};
 use crate::drive::Listener;
-use crate::ensemble::{Ensemble, Job, Opened, Results, Row, divide, make, open, reason, short};
+use crate::ensemble::{Ensemble, Opened, Results, Row, open, short};
 pub use crate::ensemble::{Settings, StudyError};
 use crate::sample::World;
 use crate::search::{CmaEs, DifferentialEvolution, Evolution, Filter, Search};
@@ -35,8 +39,8 @@ pub(crate) struct Evaluation {
     /// The parameters in the unit cube.
     point: Vec<f64>,
     world: World,
-    /// What each target's measure came to; NaN where there is none.
-    found: Vec<f64>,
+    /// What each target came to: one number, or one for each point of a curve; NaN where there is none.
+    found: Vec<Vec<f64>>,
     /// Infinite if a target has no value.
     cost: f64,
     status: summary::Status,
@@ -45,6 +49,9 @@ pub(crate) struct Evaluation {
     state_hashes: Vec<String>,
     doubts: Vec<String>,
 }
+
+/// How targets change with parameters \[scatters over the range\]: by target, value and parameter.
+type Slopes = Vec<Vec<Vec<f64>>>;
 
 /// Evaluations around the best are numbered from here, so that those of the search keep their numbers when it goes on.
 const PROBES: usize = 1 << 24;
@@ -84,8 +91,9 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
     let ensemble = Ensemble::new(settings, dir.clone());
     let rows = entries.unwrap_or_default().into_iter().map(|row| (row.world, row)).collect();
     let work = Work { journal, rows, expected: 0 };
+    let (evaluations, rounds, sampled) = (Vec::new(), Vec::new(), BTreeMap::new());
     let mut calibration =
-        Calibrator { plan, ensemble, work, evaluations: Vec::new(), rounds: Vec::new(), warnings };
+        Calibrator { plan, ensemble, work, sampled, sampled_s: 0.0, evaluations, rounds, warnings };
     let mut search = searcher(plan);
     let end = calibration.search(search.as_mut(), listener)?;
     let slopes = match end {
@@ -95,7 +103,7 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
     if !listener.interrupted() && calibration.ensemble.lost.is_none() {
         calibration.ensemble.tidy();
     }
-    calibration.write(&dir, search.as_ref(), end, slopes.as_deref(), started, &hash, listener)
+    calibration.write(&dir, search.as_ref(), end, slopes.as_ref(), started, &hash, listener)
 }
 
 /// The search that a calibration asks for.
@@ -145,6 +153,10 @@ struct Calibrator<'a> {
     plan: &'a Plan,
     ensemble: Ensemble<'a>,
     work: Work,
+    /// What periodic samples gave, by the numbers that their worlds would have.
+    sampled: BTreeMap<usize, Given>,
+    /// Wall time of the samples that ended, over all runs \[s\].
+    sampled_s: f64,
     evaluations: Vec<Evaluation>,
     rounds: Vec<Round>,
     warnings: Vec<String>,
@@ -171,7 +183,7 @@ impl Calibrator<'_> {
             };
             search.tell(&costs);
             let before = self.rounds.last().map_or(f64::INFINITY, |r| r.best);
-            let now = Round::of(&costs, &search.costs(), before);
+            let now = Round::of(&costs, &search.costs(), before, search.posterior());
             listener.note(&self.told(&now, round));
             unchanged = if now.best < before { 0 } else { unchanged + 1 };
             let best = now.best;
@@ -202,7 +214,10 @@ impl Calibrator<'_> {
     /// `draught = 309.1 N`
     fn found(&self, evaluation: &Evaluation) -> String {
         let targets = self.plan.calibration.targets.iter().zip(&evaluation.found);
-        let all = targets.map(|(t, found)| format!("{} = {} {}", t.name, short(*found), t.unit));
+        let all = targets.map(|(t, found)| {
+            let unit = if t.is_curve() { "scatters off" } else { t.unit };
+            format!("{} = {} {unit}", t.name, short(shown(t, found)))
+        });
         all.collect::<Vec<_>>().join(", ")
     }
 
@@ -212,84 +227,9 @@ impl Calibrator<'_> {
         done.min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
-    /// Runs what is not journaled of a round as one batch, or several if memory asks for it; its evaluations are numbered
-    /// from `first`. None if it was not finished.
-    fn evaluate(
-        &mut self,
-        round: usize,
-        first: usize,
-        points: Vec<Vec<f64>>,
-        later: u64,
-        listener: &mut dyn Listener,
-    ) -> Result<Option<Vec<f64>>, StudyError> {
-        let experiments = self.plan.calibration.experiments.len();
-        let before = self.evaluations.len();
-        let worlds: Vec<World> = points.iter().map(|x| self.plan.world(x)).collect();
-        let numbers = first * experiments..(first + points.len()) * experiments;
-        let pending: Vec<usize> = numbers.clone().filter(|w| !self.work.rows.contains_key(w)).collect();
-        let particles = |w: usize| self.plan.particles[w % experiments];
-        let settings = self.ensemble.settings;
-        let batches = divide(&pending, particles, settings.batches, settings.memory);
-        for batch in batches {
-            let job = |&world: &usize| {
-                let experiment = &self.plan.calibration.experiments[world % experiments];
-                let own = &worlds[world / experiments - first].sets;
-                let sets = [experiment.sets.as_slice(), own].concat();
-                let made = make(&experiment.scene, &experiment.scene_text, &sets);
-                Job { world, made: made.map_err(|errors| reason(&errors)) }
-            };
-            let jobs = batch.par_iter().map(job).collect();
-            self.warnings.extend(self.ensemble.run(jobs, later, &mut self.work, listener)?);
-            if listener.interrupted() || self.ensemble.lost.is_some() {
-                break;
-            }
-        }
-        if !numbers.clone().all(|w| self.work.rows.contains_key(&w)) {
-            return Ok(None);
-        }
-        for (k, (point, world)) in points.into_iter().zip(worlds).enumerate() {
-            let evaluation = self.evaluation(first + k, round, point, world);
-            self.evaluations.push(evaluation);
-        }
-        Ok(Some(self.evaluations[before..].iter().map(|e| e.cost).collect()))
-    }
-
-    /// What the worlds of a set of parameters gave.
-    fn evaluation(&self, number: usize, round: usize, point: Vec<f64>, world: World) -> Evaluation {
-        let targets = &self.plan.calibration.targets;
-        let experiments = self.plan.calibration.experiments.len();
-        let rows: Vec<&Row> = (number * experiments..(number + 1) * experiments)
-            .filter_map(|w| self.work.rows.get(&w))
-            .collect();
-        let failed = rows.iter().find(|row| row.status != summary::Status::Done);
-        let found: Vec<f64> =
-            targets.iter().map(|t| rows.get(t.experiment).map_or(f64::NAN, |r| of(r, t))).collect();
-        let nothing = targets.iter().zip(&found).find(|(_, x)| !x.is_finite());
-        let (status, reason) = match (failed, nothing) {
-            (Some(row), _) => (row.status, row.reason.clone()),
-            (None, Some((target, _))) => {
-                let why = format!("`{}` was not measured: its window was not reached", target.name);
-                (summary::Status::Failed, Some(why))
-            }
-            (None, None) => (summary::Status::Done, None),
-        };
-        let cost = if reason.is_some() { f64::INFINITY } else { cost(targets, &found) };
-        Evaluation {
-            round,
-            point,
-            world,
-            found,
-            cost,
-            status,
-            reason,
-            state_hashes: rows.iter().map(|row| row.state_hash.clone().unwrap_or_default()).collect(),
-            doubts: rows.iter().flat_map(|row| row.doubts.clone()).collect(),
-        }
-    }
-
-    /// How the targets change with each parameter around the best evaluation \[scatters over the range\]: a row for each
-    /// target. None if that was not asked for, there is none, the search tells it itself, or it was not finished.
-    fn probe(&mut self, listener: &mut dyn Listener) -> Result<Option<Vec<Vec<f64>>>, StudyError> {
+    /// How the targets change with each parameter around the best evaluation \[scatters over the range\]: of each target a
+    /// row for each of its values. None if that was not asked for, there is none, the search tells it itself, or it was not finished.
+    fn probe(&mut self, listener: &mut dyn Listener) -> Result<Option<Slopes>, StudyError> {
         let c = &self.plan.calibration;
         let step = c.probe;
         if !self.plan.probes() {
@@ -312,32 +252,12 @@ impl Calibrator<'_> {
         if self.evaluate(round, PROBES + first * count, points, 0, listener)?.is_none() {
             return Ok(None);
         }
-        let slope = |t: usize, k: usize| {
+        let slope = |t: usize, n: usize, k: usize| {
             let [low, high] = [0, 1].map(|side| &self.evaluations[first + 2 * k + side]);
-            (high.found[t] - low.found[t]) / (high.point[k] - low.point[k]) / c.targets[t].scatter
+            (high.found[t][n] - low.found[t][n]) / (high.point[k] - low.point[k]) / c.targets[t].scatters[n]
         };
-        let row = |t: usize| (0..best.len()).map(|k| slope(t, k)).collect();
-        Ok(Some((0..c.targets.len()).map(row).collect()))
+        let row = |t: usize, n: usize| (0..best.len()).map(|k| slope(t, n, k)).collect();
+        let rows = |t: usize| (0..c.targets[t].values.len()).map(|n| row(t, n)).collect();
+        Ok(Some((0..c.targets.len()).map(rows).collect()))
     }
-}
-
-/// What a target's measure came to.
-fn of(row: &Row, target: &Target) -> f64 {
-    let measured = row.measured(&target.stage, &target.measure).filter(|m| m.n > 0);
-    measured.map_or(f64::NAN, |m| match target.statistic {
-        Statistic::Std => m.std,
-        _ => m.mean,
-    })
-}
-
-/// Root of the weighted mean square of the deviations from the targets, in their scatters. With one target this is the
-/// paper's fitness (Nagy et al. 2024, equation 50) over the scatter.
-fn cost(targets: &[Target], found: &[f64]) -> f64 {
-    let (mut sum, mut weights) = (0.0, 0.0);
-    for (target, found) in targets.iter().zip(found) {
-        let away = (found - target.value) / target.scatter;
-        sum += target.weight * away * away;
-        weights += target.weight;
-    }
-    (sum / weights).sqrt()
 }

@@ -105,7 +105,18 @@ impl Drive {
     /// `beds`, a folder, if it is there; of those that share one which is not, the first settles it and the others
     /// wait for it.
     pub fn new(
+        worlds: Vec<(Arc<Constants>, State)>,
+        backend: Backend,
+        beds: Option<&Path>,
+    ) -> (Self, Vec<Event>) {
+        let unwatched = vec![usize::MAX; worlds.len()];
+        Self::watched(worlds, &unwatched, backend, beds)
+    }
+
+    /// The same where samples are needed of each world from a stage on: that stage is part of no bed.
+    pub(crate) fn watched(
         mut worlds: Vec<(Arc<Constants>, State)>,
+        from: &[usize],
         backend: Backend,
         beds: Option<&Path>,
     ) -> (Self, Vec<Event>) {
@@ -117,7 +128,8 @@ impl Drive {
         for (w, (constants, state)) in worlds.iter_mut().enumerate() {
             let g = &state.progress;
             let fresh = wanted && g.samples == 0 && g.step == 0;
-            let Some(bed) = fresh.then(|| Bed::of(constants, state, backend)).flatten() else {
+            let bed = fresh.then(|| Bed::of(constants, state, backend)).flatten();
+            let Some(bed) = bed.filter(|bed| bed.stages <= from[w]) else {
                 roles.push(Role::Alone);
                 continue;
             };
@@ -282,9 +294,9 @@ fn lost(l: &glebe_engine::state::Lost) -> summary::Lost {
 fn stages(c: &Constants, g: &Progress) -> Vec<summary::Stage> {
     let mut start = 0.0;
     let stage = |(spec, result): (&Stage, &StageResult)| {
-        let measures = spec.measures.iter().zip(&result.measures).map(|(measure, m)| {
+        let measures = spec.measured().zip(&result.measures).map(|((name, _), m)| {
             let [mean, std] = if m.n == 0 { [f64::NAN; 2] } else { [m.mean, m.std()] };
-            (measure.name.clone(), summary::Measure { mean, std, n: m.n })
+            (name.to_owned(), summary::Measure { mean, std, n: m.n })
         });
         let stage = summary::Stage {
             name: result.name.clone(),
@@ -307,10 +319,11 @@ pub fn told(result: &StageResult, c: &Constants) -> String {
         let _ = write!(line, ", {} particles removed", result.trimmed);
     }
     let spec = c.spec.stages.iter().find(|s| s.name == result.name);
-    for (measure, m) in spec.iter().flat_map(|s| &s.measures).zip(&result.measures) {
+    for ((name, unit), m) in spec.iter().flat_map(|s| s.measured()).zip(&result.measures) {
         let _ = match m.n {
-            0 => write!(line, "; {}: nothing measured", measure.name),
-            n => write!(line, "; {} = {:.5} ± {:.3} ({n} steps)", measure.name, m.mean, m.std()),
+            0 => write!(line, "; {name}: nothing measured"),
+            1 => write!(line, "; {name} = {:.5} {unit}", m.mean),
+            n => write!(line, "; {name} = {:.5} ± {:.3} ({n} steps)", m.mean, m.std()),
         };
     }
     line
@@ -330,7 +343,12 @@ pub fn doubts(result: &StageResult, c: &Constants) -> Vec<String> {
         };
         Some(format!("stage `{}`: `{}` of `{surface}` {why}", result.name, measure.name))
     };
-    spec.measures.iter().zip(&result.measures).filter_map(doubt).collect()
+    let surveyed = spec.surveys.iter().zip(result.measures.iter().skip(spec.measures.len()));
+    let nothing = surveyed.filter(|(_, m)| m.n == 0).map(|(survey, _)| {
+        let what = "found nothing: the particles form no heap whose flank has three rings of them or more";
+        format!("stage `{}`: the survey `{}` {what}", result.name, survey.name)
+    });
+    spec.measures.iter().zip(&result.measures).filter_map(doubt).chain(nothing).collect()
 }
 
 /// The most steps that a world has before it; a stage that waits without limit counts as none.

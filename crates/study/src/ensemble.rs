@@ -10,8 +10,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glebe_engine::backend::Backend;
-use glebe_engine::batch::{Observer, Status};
-use glebe_engine::spec::Component;
+use glebe_engine::batch::{Observer, Sample, Status};
 use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
 use glebe_io::checkpoint::{self, CheckpointError, Header};
@@ -20,6 +19,7 @@ use glebe_io::scene::{Scene, SceneError};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use crate::capture::{Capture, Wanted};
 use crate::digest::scene_hash;
 use crate::drive::{Drive, Event, Listener, Pulse, doubts};
 
@@ -134,12 +134,12 @@ impl Measure {
 pub(crate) fn measures(c: &Constants) -> Vec<Measure> {
     let of_stage = |stage: &glebe_engine::spec::Stage| {
         let name = stage.name.clone();
-        let measure = move |m: &glebe_engine::spec::Measure| Measure {
+        let measure = |(measure, unit): (&str, &'static str)| Measure {
             stage: name.clone(),
-            name: m.name.clone(),
-            unit: if matches!(m.component, Component::Torque(_)) { "N m" } else { "N" },
+            name: measure.to_owned(),
+            unit,
         };
-        stage.measures.iter().map(measure).collect::<Vec<_>>()
+        stage.measured().map(measure).collect::<Vec<_>>()
     };
     c.spec.stages.iter().flat_map(of_stage).collect()
 }
@@ -303,6 +303,12 @@ pub(crate) struct Row {
     pub(crate) lost: u64,
     pub(crate) stages: Vec<summary::Stage>,
     pub(crate) doubts: Vec<String>,
+    /// Curves that it was to give, by the names of their targets, or why there is none.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) curves: BTreeMap<String, Result<Vec<f64>, String>>,
+    /// Wall time since the row before, or since its batch began \[s\].
+    #[serde(default)]
+    pub(crate) seconds: f64,
 }
 
 impl Row {
@@ -317,6 +323,8 @@ impl Row {
             lost: 0,
             stages: Vec::new(),
             doubts: Vec::new(),
+            curves: BTreeMap::new(),
+            seconds: 0.0,
         }
     }
 
@@ -331,6 +339,8 @@ impl Row {
 pub(crate) struct Job {
     pub(crate) world: usize,
     pub(crate) made: Result<Made, String>,
+    /// Curves that it is to give.
+    pub(crate) curves: Vec<Wanted>,
 }
 
 /// Takes what worlds give, by their numbers in the study.
@@ -405,14 +415,16 @@ impl<'a> Ensemble<'a> {
         listener: &mut dyn Listener,
     ) -> Result<Vec<String>, StudyError> {
         let (mut numbers, mut entrants) = (Vec::new(), Vec::new());
-        let mut hashes = Vec::new();
-        for Job { world, made } in jobs {
+        let (mut hashes, mut captures) = (Vec::new(), Vec::new());
+        for Job { world, made, curves } in jobs {
             let hash = made.as_ref().map(|made| made.scene_hash.clone()).unwrap_or_default();
-            match made.and_then(|made| self.admit(world, made)) {
+            let mut capture = Capture::new(curves);
+            match made.and_then(|made| self.admit(world, made, &mut capture)) {
                 Ok(entrant) => {
                     numbers.push(world);
                     entrants.push(entrant);
                     hashes.push(hash);
+                    captures.push(capture);
                 }
                 Err(reason) => {
                     results.ended(Row::not_run(world, summary::Status::Refused, reason), listener)?;
@@ -420,7 +432,8 @@ impl<'a> Ensemble<'a> {
             }
         }
         let settings = self.settings;
-        let (mut drive, reused) = Drive::new(entrants, settings.backend, settings.beds.as_deref());
+        let from: Vec<usize> = captures.iter().map(Capture::first_stage).collect();
+        let (mut drive, reused) = Drive::watched(entrants, &from, settings.backend, settings.beds.as_deref());
         let all = numbers.len();
         if !reused.is_empty() {
             listener.note(&format!(
@@ -428,7 +441,16 @@ impl<'a> Ensemble<'a> {
                 reused.len()
             ));
         }
-        let mut crew = Crew { ensemble: self, numbers, hashes, results, shared: 0, warnings: Vec::new() };
+        let mut crew = Crew {
+            ensemble: self,
+            numbers,
+            hashes,
+            captures,
+            since: drive.started(),
+            results,
+            shared: 0,
+            warnings: Vec::new(),
+        };
         follow(&mut drive, &mut crew, later, settings.checkpoint_every, listener)?;
         let Crew { shared, warnings, .. } = crew;
         if shared > 0 {
@@ -458,10 +480,13 @@ impl<'a> Ensemble<'a> {
         state.belongs_to(constants).is_ok().then_some(state)
     }
 
-    /// A world with the state that it begins from, or why it cannot be run.
-    fn admit(&self, w: usize, made: Made) -> Result<(Arc<Constants>, State), String> {
+    /// A world with the state that it begins from, or why it cannot be run. One that is to give curves goes on only if
+    /// their rows were kept.
+    fn admit(&self, w: usize, made: Made, capture: &mut Capture) -> Result<(Arc<Constants>, State), String> {
         self.accepts(&made.constants)?;
-        let saved = self.kept(w, &made.constants, &made.scene_hash);
+        let saved = self
+            .kept(w, &made.constants, &made.scene_hash)
+            .filter(|state| capture.is_idle() || capture.resume(&self.dir.sample(w), state.progress.step));
         Ok((made.constants, saved.unwrap_or(made.state)))
     }
 
@@ -470,9 +495,21 @@ impl<'a> Ensemble<'a> {
         self.dir.checkpoints().join(format!("{world:06}.glebe"))
     }
 
-    /// Removes the folder of states when no world is left; only if it is empty.
+    /// Where the rows of a world are kept while it has not ended; its folder is made.
+    fn sample(&self, world: usize) -> Result<PathBuf, StudyError> {
+        let path = self.dir.samples();
+        fs::create_dir_all(&path).map_err(|source| {
+            let (path, action) = (path.clone(), "make this folder");
+            OutputError::Io { path, action, source }
+        })?;
+        Ok(self.dir.sample(world))
+    }
+
+    /// Removes the folders of what worlds under way need when none is left; only if they are empty.
     pub(crate) fn tidy(&self) {
-        let _ = fs::remove_dir(self.dir.checkpoints());
+        for folder in [self.dir.checkpoints(), self.dir.samples()] {
+            let _ = fs::remove_dir(folder);
+        }
     }
 }
 
@@ -481,6 +518,9 @@ struct Crew<'a, 'b> {
     ensemble: &'a mut Ensemble<'b>,
     numbers: Vec<usize>,
     hashes: Vec<String>,
+    captures: Vec<Capture>,
+    /// When the last of them ended, or the batch began.
+    since: Instant,
     results: &'a mut dyn Results,
     /// How many began from the bed of another.
     shared: usize,
@@ -496,6 +536,7 @@ impl Crew<'_, '_> {
             return Ok(());
         };
         let world = self.numbers[k];
+        let seconds = std::mem::replace(&mut self.since, Instant::now()).elapsed().as_secs_f64();
         let (c, g) = (drive.batch().constants(k), drive.batch().progress(k));
         let row = Row {
             world,
@@ -504,10 +545,14 @@ impl Crew<'_, '_> {
             state_hash: Some(state_hash),
             particles: outcome.particles.count,
             lost: outcome.particles.lost.len() as u64,
+            seconds,
+            curves: self.captures[k].curves(&outcome.stages).into_iter().collect(),
             stages: outcome.stages,
             doubts: g.results.iter().flat_map(|result| doubts(result, c)).collect(),
         };
         self.results.ended(row, listener)?;
+        self.captures[k] = Capture::default();
+        discard(&self.ensemble.dir.sample(world))?;
         discard(&self.ensemble.checkpoint(world))
     }
 }
@@ -516,6 +561,12 @@ impl Observer for Crew<'_, '_> {
     type Error = Infallible;
     fn wants_frames(&self) -> bool {
         false
+    }
+    fn sample(&mut self, k: usize, sample: &Sample) -> Result<(), Infallible> {
+        if let Some(capture) = self.captures.get_mut(k) {
+            capture.sample(sample);
+        }
+        Ok(())
     }
 }
 
@@ -544,6 +595,10 @@ impl Follower for Crew<'_, '_> {
 
     fn save(&mut self, drive: &Drive) -> Result<(), StudyError> {
         for (k, (&world, hash)) in self.numbers.iter().zip(&self.hashes).enumerate() {
+            // Rows go first: of a state that was kept they must all be there.
+            if !self.captures[k].is_idle() && *drive.batch().status(k) == Status::Running {
+                self.captures[k].keep(&self.ensemble.sample(world)?)?;
+            }
             keep(drive, k, &self.ensemble.checkpoint(world), hash)?;
         }
         Ok(())

@@ -23,6 +23,7 @@
 
 mod beds;
 pub mod calibrate;
+mod capture;
 mod digest;
 pub mod drive;
 mod ensemble;
@@ -30,6 +31,7 @@ pub mod fit;
 pub mod rve;
 pub mod sample;
 pub mod search;
+pub mod series;
 pub mod sweep;
 
 pub use beds::default_folder as default_bed_folder;

@@ -83,7 +83,7 @@ impl Sweep<'_> {
                 }
                 _ => Ok(made),
             });
-            Job { world, made }
+            Job { world, made, curves: Vec::new() }
         };
         worlds.par_iter().map(job).collect()
     }

@@ -105,8 +105,9 @@ fn told(s: &Summary) -> String {
     }
     row("agents", &|c| c.agents.to_string());
     text += &table(&rows);
-    for path in s.best_scenes.values() {
-        let _ = writeln!(text, "the best as a scene:  glebe run {}", shell_word(&path.display().to_string()));
+    for args in &s.best_runs {
+        let args: Vec<String> = args.iter().map(|arg| shell_word(arg)).collect();
+        let _ = writeln!(text, "the best as a scene:  glebe {}", args.join(" "));
     }
     text
 }

@@ -186,7 +186,10 @@ fn told(s: &Summary, out: &std::path::Path) -> String {
     // Writing to a string cannot fail.
     for stage in &s.stages {
         for (name, m) in stage.measures.iter().filter(|(_, m)| m.n > 0) {
-            let _ = writeln!(text, "{} {name}: {:.5} ± {:.3}", stage.name, m.mean, m.std);
+            let _ = match m.n {
+                1 => writeln!(text, "{} {name}: {:.5}", stage.name, m.mean),
+                _ => writeln!(text, "{} {name}: {:.5} ± {:.3}", stage.name, m.mean, m.std),
+            };
         }
     }
     let _ = write!(text, "state {}\nresults in {}", s.state_hash, out.display());

@@ -10,7 +10,8 @@ use glebe_engine::spec::{Shape, TriMesh, Vec3};
 use glebe_engine::state::StageResult;
 use glebe_io::output::series::SeriesWriter;
 use glebe_io::output::vtp::{Column, PolyData, Values};
-use glebe_io::output::{FrameWriter, OutputDir, OutputError};
+use glebe_io::output::{FrameWriter, OutputDir, OutputError, columns};
+use glebe_study::series::row;
 
 /// Name of the particles among a frame's parts.
 const PARTICLES: &str = "particles";
@@ -37,8 +38,8 @@ impl Recorder {
         after: Option<(u64, u64)>,
     ) -> Result<Self, OutputError> {
         let surfaces = &constants.spec.surfaces;
-        let columns =
-            columns(surfaces.iter().map(|s| s.name.as_str()), constants.bonds(), constants.is_sample());
+        let names = surfaces.iter().map(|s| s.name.as_str());
+        let columns = columns::series(names, constants.bonds(), constants.is_sample());
         let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
         let shown = |shape: &Shape| match shape {
             Shape::Plane { .. } => None,
@@ -172,100 +173,4 @@ fn pressures(mesh: &TriMesh, vertices: &[Vec3], forces: &[Vec3]) -> Vec<f32> {
         (2.0 * dot(*force, twice_area).abs() / (length * length)) as f32
     };
     mesh.triangles.iter().zip(forces).map(pressure).collect()
-}
-
-/// Components of a tensor that columns show, and their names; shear as the mean of both.
-const SYMMETRIC: [([usize; 2], &str); 6] =
-    [([0, 0], "xx"), ([1, 1], "yy"), ([2, 2], "zz"), ([1, 2], "yz"), ([0, 2], "xz"), ([0, 1], "xy")];
-
-/// The names of the series' columns, in the order of [`row`]; those of `bonds` where there may be some, of stress and
-/// strain where the world is a `sample`.
-fn columns<'a>(surfaces: impl Iterator<Item = &'a str>, bonds: bool, sample: bool) -> Vec<String> {
-    let mut names: Vec<String> = [
-        "time",
-        "step",
-        "stage",
-        "particles",
-        "kinetic_translation",
-        "kinetic_rotation",
-        "potential",
-        "elastic_normal",
-        "elastic_tangential",
-        "friction",
-        "dashpots",
-        "rolling",
-        "damping",
-        "dissipated",
-        "stiffness_change",
-        "work",
-        "removed",
-        "integrator",
-        "contacts",
-        "surface_contacts",
-        "coordination",
-        "overlap",
-        "speed",
-    ]
-    .map(str::to_owned)
-    .into();
-    if bonds {
-        names.extend(["bonds_made", "bonds_broken"].map(str::to_owned));
-    }
-    for surface in surfaces {
-        let parts = "fx fy fz tx ty tz draught path present x y z qw qx qy qz";
-        names.extend(parts.split(' ').map(|part| format!("{surface}.{part}")));
-    }
-    if sample {
-        let scalars = "p q volumetric_strain deviatoric_strain void_ratio mechanical_coordination rattlers";
-        names.extend(scalars.split(' ').map(str::to_owned));
-        for tensor in ["stress", "kinetic_stress", "strain", "fabric"] {
-            names.extend(SYMMETRIC.map(|(_, component)| format!("{tensor}_{component}")));
-        }
-    }
-    names
-}
-
-fn row(s: &Sample, bonds: bool) -> Vec<f64> {
-    let l = &s.ledger;
-    let mut row = vec![
-        s.time,
-        s.step as f64,
-        s.stage as f64,
-        s.particles as f64,
-        l.translation,
-        l.rotation,
-        l.potential,
-        l.elastic_normal,
-        l.elastic_tangential,
-        l.friction,
-        l.dashpots,
-        l.rolling,
-        l.damping,
-        l.dissipated(),
-        l.stiffness_change,
-        l.work,
-        l.removed,
-        l.integrator(),
-        s.contacts as f64,
-        s.surface_contacts as f64,
-        s.coordination,
-        s.overlap,
-        s.speed,
-    ];
-    if bonds {
-        row.extend([s.bonds.made as f64, s.bonds.broken as f64]);
-    }
-    for t in &s.surfaces {
-        row.extend(t.force.iter().chain(&t.torque));
-        row.extend([t.draught, t.path, f64::from(u8::from(t.present))]);
-        row.extend(t.pose.translation.iter().chain(&t.pose.rotation));
-    }
-    if let Some(i) = &s.interior {
-        row.extend([i.p(), i.q(), i.volumetric_strain(), i.deviatoric_strain(), i.void_ratio]);
-        row.extend([i.mechanical_coordination, i.rattlers as f64]);
-        for tensor in [&i.stress, &i.kinetic_stress, &i.strain, &i.fabric] {
-            row.extend(SYMMETRIC.map(|([a, b], _)| 0.5 * (tensor[a][b] + tensor[b][a])));
-        }
-    }
-    row
 }

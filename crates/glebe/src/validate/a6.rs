@@ -11,15 +11,17 @@
 use std::fs;
 use std::path::Path;
 
+use glebe_engine::batch::positions;
 use glebe_io::mesh::{StlFormat, write_stl};
+use glebe_io::scene::Scene;
 use glebe_io::study::Calibration;
 use glebe_io::tool::Sweep;
-use glebe_report::{Axis, Plot, Series, Style};
+use glebe_report::{Axis, FurrowView, Plot, Profile, Series, Style, furrow_profile};
 use glebe_study::calibrate::{Plan, Summary, run as calibrate};
 use glebe_study::drive::Silent;
 
 use super::case::{Case, CaseError, Findings};
-use super::trial::{Folder, SceneFile, Trial, scene_file, wrong};
+use super::trial::{Folder, SceneFile, Trial, mean, run_to_end, scene_file, wrong};
 
 pub(super) const CASE: Case = Case {
     id: "A6",
@@ -74,7 +76,13 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
         let told = summary.parameters.iter().filter(|p| p.known.as_ref().is_some_and(|k| !k.determined));
         found.between("parameters_told_as_not_determined", told.count() as f64, 1.0, 6.0);
     }
+    found.report("computed_s", summary.computed_s);
     found.figures.push(("convergence", figure(&summary)));
+    let profiles = furrows(&folder, &summary, trial)?;
+    for (k, profile) in profiles.iter().enumerate() {
+        found.report(format!("cluster_{}_furrow_depth_m", k + 1), depth(profile));
+    }
+    found.figures.push(("furrows", furrow_figure(&profiles)));
     Ok(found)
 }
 
@@ -89,6 +97,60 @@ fn calibrated(folder: &Path, trial: Trial<'_>) -> Result<Summary, CaseError> {
     let plan = Plan::new(calibration).map_err(|e| wrong(&e))?;
     crate::device::admit(trial.backend, plan.middle())?;
     Ok(calibrate(&plan, &trial.study("A6-calibration"), &mut Silent)?)
+}
+
+/// The furrows that the best of each cluster leave, in the middle of the path.
+fn furrows(folder: &Folder, summary: &Summary, trial: Trial<'_>) -> Result<Vec<Profile>, CaseError> {
+    let path = folder.0.join("scene.toml");
+    let text = fs::read_to_string(&path)?;
+    let mut worlds = Vec::new();
+    for cluster in &summary.clusters {
+        let sets = cluster.set.values().next().cloned().unwrap_or_default();
+        let scene = Scene::parse(&path.display().to_string(), &text, &sets).map_err(|e| wrong(&e))?;
+        worlds.push(scene.build(&folder.0).map_err(|e| wrong(&e))?.world);
+    }
+    let batch = run_to_end(worlds, trial.backend)?.all_done()?.batch;
+    let profile = |w: usize| {
+        let (c, state) = (batch.constants(w), batch.state(w));
+        let [x, y] = [0, 1].map(|k| [c.spec.domain.origin[k], c.spec.domain.cell[k][k]]);
+        let view = FurrowView {
+            along: 0,
+            across: 1,
+            up: 2,
+            section: [x[0] + 0.4 * x[1], x[0] + 0.6 * x[1]],
+            range: [y[0], y[0] + y[1]],
+            bins: 60,
+        };
+        let radii: Vec<f64> = state.particles.place.iter().map(|p| f64::from(p.radius)).collect();
+        furrow_profile(&positions(c, &state), &radii, &view)
+    };
+    Ok((0..batch.len()).map(profile).collect())
+}
+
+/// How far the middle of a furrow lies below its banks \[m\]: mean height of the middle fifth against that of the outer fifths.
+fn depth(profile: &Profile) -> f64 {
+    let n = profile.height.len();
+    let mean_of = |from: usize, to: usize| {
+        mean(profile.height[from * n / 5..to * n / 5].iter().copied().filter(|h| h.is_finite()))
+    };
+    0.5 * (mean_of(0, 1) + mean_of(4, 5)) - mean_of(2, 3)
+}
+
+fn furrow_figure(profiles: &[Profile]) -> String {
+    let names: Vec<String> = (1..=profiles.len()).map(|k| format!("cluster {k}")).collect();
+
+    Plot {
+        title: "Furrows of the best of each cluster",
+        x: Axis::new("across the path", "m"),
+        y: Axis::new("height", "m"),
+        series: profiles
+            .iter()
+            .zip(&names)
+            .map(|(p, name)| Series { name, x: &p.across, y: &p.height, style: Style::Line })
+            .collect(),
+        ..Plot::default()
+    }
+    .to_svg()
 }
 
 fn figure(summary: &Summary) -> String {

@@ -22,6 +22,7 @@ mod c2;
 mod c3;
 mod c4;
 mod c5;
+mod c6;
 mod case;
 mod output;
 mod p1;
@@ -58,6 +59,7 @@ const CASES: &[Case] = &[
     c3::CASE,
     c4::CASE,
     c5::CASE,
+    c6::CASE,
     p1::CASE,
 ];
 

@@ -183,7 +183,7 @@ pub fn power_law(x: &[f64], y: &[f64]) -> f64 {
     line(&log(x), &log(y)).map_or(f64::NAN, |[_, p]| p)
 }
 
-/// A folder for files of a case, which goes when it ends.
+/// A folder for files of a case, which goes when it ends unless it is to be kept.
 pub struct Folder(pub PathBuf);
 
 impl Folder {

@@ -47,6 +47,7 @@ const JOURNAL: &str = "journal.jsonl";
 const CHECKPOINTS: &str = "checkpoint";
 const FRAMES: &str = "frames";
 const SAMPLES: &str = "samples";
+const ROUNDS: &str = "rounds";
 
 /// The folder that a run writes its results into. While this lives no other run gets hold of it.
 #[derive(Clone, Debug)]
@@ -177,6 +178,10 @@ impl OutputDir {
     pub fn sample(&self, number: usize) -> PathBuf {
         self.samples().join(format!("{number:06}.csv"))
     }
+    /// The folder of a study that is a part of this one, from its number; it may not exist yet.
+    pub fn round(&self, number: usize) -> PathBuf {
+        self.path.join(ROUNDS).join(format!("{number:06}"))
+    }
     /// Where the table `name` of a study of samples is.
     pub fn table(&self, name: &str) -> PathBuf {
         self.path.join(format!("{name}.csv"))
@@ -304,7 +309,19 @@ fn remove_own(path: &Path) -> Result<(), OutputError> {
         }
     }
     remove_own_in(&path.join(SAMPLES), is_sample)?;
-    remove_own_in(&path.join(FRAMES), is_frame)
+    remove_own_in(&path.join(FRAMES), is_frame)?;
+    let rounds = path.join(ROUNDS);
+    if is_folder(&rounds) {
+        for name in names(&rounds)?.iter().filter(|name| is_number(name)) {
+            let round = rounds.join(name);
+            if is_folder(&round) {
+                remove_own(&round)?;
+                remove_empty(&round)?;
+            }
+        }
+        remove_empty(&rounds)?;
+    }
+    Ok(())
 }
 
 /// Removes a folder's files whose names are `own`, and the folder if nothing is left in it.
@@ -318,6 +335,11 @@ fn remove_own_in(folder: &Path, own: impl Fn(&str) -> bool) -> Result<(), Output
             remove_file(&file)?;
         }
     }
+    remove_empty(folder)
+}
+
+/// Removes a folder if nothing is left in it.
+fn remove_empty(folder: &Path) -> Result<(), OutputError> {
     match fs::remove_dir(folder) {
         Err(e) if e.kind() != ErrorKind::DirectoryNotEmpty => {
             Err(OutputError::io(folder, "remove this folder", e))
@@ -343,12 +365,17 @@ fn is_file(path: &Path) -> bool {
 fn is_frame(name: &str) -> bool {
     name.strip_suffix(".vtp")
         .and_then(|stem| stem.split_once('_'))
-        .is_some_and(|(number, _)| number.len() >= 6 && number.bytes().all(|b| b.is_ascii_digit()))
+        .is_some_and(|(number, _)| is_number(number))
 }
 
 /// `000012.csv`
 fn is_sample(name: &str) -> bool {
-    name.strip_suffix(".csv").is_some_and(|n| n.len() >= 6 && n.bytes().all(|b| b.is_ascii_digit()))
+    name.strip_suffix(".csv").is_some_and(is_number)
+}
+
+/// `000012`
+fn is_number(name: &str) -> bool {
+    name.len() >= 6 && name.bytes().all(|b| b.is_ascii_digit())
 }
 
 fn is_checkpoint(name: &str) -> bool {

@@ -3,6 +3,7 @@
 //! Writers take plain columns (slices) in SI units; they know nothing of the engine.
 
 mod atomic;
+pub mod columns;
 mod dir;
 mod frames;
 mod journal;

@@ -9,7 +9,8 @@ use glebe_engine::SetupError;
 use glebe_engine::backend::BYTES_PER_PARTICLE;
 use glebe_engine::generate::{FillRequest, Region, SizeDistribution, generate, solid_volume, worst_overlap};
 use glebe_engine::spec::{
-    Action, Domain, Frustum, Measure, Motion, ParticleSet, Pose, Shape, Side, Stage, Surface, Vec3, WorldSpec,
+    Action, Domain, Frustum, Measure, Motion, ParticleSet, Pose, Shape, Side, Stage, Surface, Survey, Vec3,
+    WorldSpec,
 };
 use glebe_physics::Material;
 
@@ -292,6 +293,7 @@ impl Build<'_> {
             until: part.until,
             moves,
             measures: measures.collect(),
+            surveys: part.surveys.iter().map(|s| Survey { name: s.name.clone(), of: s.of }).collect(),
             deformation: part.deformation,
         }
     }

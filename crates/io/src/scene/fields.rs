@@ -491,6 +491,12 @@ static STAGE: TableSpec = TableSpec {
             .or("false"),
         Field::new("move", Kind::Named(Names::Surface, &MOTION), "Motions of surfaces, by name.").or("{}"),
         Field::new("measure", Kind::Named(Names::New, &MEASURE), "Numbers measured, by name.").or("{}"),
+        Field::new(
+            "survey",
+            Kind::Named(Names::New, &SURVEY),
+            "Numbers that the particles come to when the stage ends, by names that no measure has.",
+        )
+        .or("{}"),
         Field::new("cell", Kind::Table(&CELL), "How the cell deforms, if it is periodic along x, y and z.")
             .optional("it stands still"),
     ],
@@ -606,6 +612,21 @@ static MEASURE: TableSpec = TableSpec {
         .optional("the whole stage"),
     ],
     rules: &[Rule::AtMostOne(&["over_displacement", "over_time"])],
+};
+
+static SURVEY: TableSpec = TableSpec {
+    doc: "A number that the particles come to when the stage ends.",
+    fields: &[
+        Field::new(
+            "of",
+            Kind::Words(&["angle-of-repose", "bulk-density"]),
+            "The slope of the heap that they form [rad], along the middle of its flank, or the mass over the volume of a \
+             region [kg/m^3].",
+        ),
+        Field::new("region", Kind::Table(&REGION), "The region of a bulk density.")
+            .optional("needed with `bulk-density`"),
+    ],
+    rules: &[],
 };
 
 static OUTPUT: TableSpec = TableSpec {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use glebe_engine::generate::SizeDistribution;
 use glebe_engine::spec::{
     Component, Deformation, Drive, Frustum, Guards, Motion, Oscillation, Rotation, Sampling, Side, Step,
-    Time, Until, Vec3, Window,
+    Surveyed, Time, Until, Vec3, Window,
 };
 use glebe_physics::{ContactModel, LawChoice, Material, Mixing, PairLaws, PairOverride, ShearModulusRule};
 
@@ -216,6 +216,8 @@ pub struct StagePart {
     pub moves: Vec<(String, MotionPart)>,
     /// What is measured.
     pub measures: Vec<MeasurePart>,
+    /// What its particles come to when it ends.
+    pub surveys: Vec<SurveyPart>,
     /// How the cell deforms.
     pub deformation: Option<Deformation>,
 }
@@ -242,6 +244,15 @@ pub struct MeasurePart {
     pub component: Component,
     /// When it counts.
     pub window: Window,
+}
+
+/// A number that particles come to at the end of a stage.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SurveyPart {
+    /// Its name.
+    pub name: String,
+    /// What it is.
+    pub of: Surveyed,
 }
 
 /// Materials that need no definition.
@@ -695,9 +706,16 @@ fn stage(record: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> S
         bond: record.flag("bond"),
         moves: record.named("move").iter().map(|(name, m)| (name.value.clone(), motion(m))).collect(),
         measures: record.named("measure").iter().map(|(name, m)| measure(name, m)).collect(),
+        surveys: record.named("survey").iter().filter_map(|(name, s)| survey(name, s, checker)).collect(),
         deformation: record.table("cell").map(|cell| deformation(cell, checker)),
     };
     let acts = ["remove", "withdraw", "insert", "bond"].into_iter().any(|key| record.written(key));
+    for (name, _) in record.named("survey") {
+        if stage.measures.iter().any(|m| m.name == name.value) {
+            let message = format!("`{}` is the name of a measure of this stage already", name.value);
+            checker.error(SceneError::new("duplicate", &name.place, message).label("taken"));
+        }
+    }
     let timed = ["move", "measure", "cell"].into_iter().any(|key| record.written(key));
     if !lasts && (timed || !acts) {
         let message = format!("the stage `{}` has no end", stage.name.value);
@@ -762,6 +780,35 @@ fn measured_surface_moves(
                 .warning(),
         );
     }
+}
+
+fn survey(name: &Located<String>, record: &Record, checker: &mut Checker) -> Option<SurveyPart> {
+    let of = if record.text("of") == "bulk-density" {
+        let Some(region) = record.table("region") else {
+            if !record.written("region") {
+                let message = format!("`survey.{}` needs `region`", name.value);
+                checker.error(
+                    SceneError::new("missing", record.place("of"), message)
+                        .label("of which part of the bed?")
+                        .help("write region = { min = [0, 0, 0], max = [0.1, 0.1, 0.1] }, inside the bed"),
+                );
+            }
+            return None;
+        };
+        let (min, max) = corners(region, &format!("survey.{}.region", name.value), checker);
+        Surveyed::BulkDensity { min, max }
+    } else {
+        if record.written("region") {
+            let message = format!("`survey.{}.region` means nothing of an angle of repose", name.value);
+            checker.error(
+                SceneError::new("conflict", record.place("region"), message)
+                    .label("has no effect")
+                    .help("take it away: the slope is that of the heap of all particles"),
+            );
+        }
+        Surveyed::AngleOfRepose
+    };
+    Some(SurveyPart { name: name.value.clone(), of })
 }
 
 fn measure(name: &Located<String>, record: &Record) -> MeasurePart {

@@ -17,17 +17,27 @@
 //! measure = "till.draught_force"
 //! value = "309.5 N"
 //! scatter = "14.5 N"
+//!
+//! [target.push]                     # a curve: CSV with the headings "displacement [mm]" and "force [kN]"
+//! file = "push.csv"
+//! stage = "till"
+//! x = "sweep.path"
+//! x_column = "displacement"
+//! y = "sweep.draught"
+//! y_column = "force"
+//! scatter = "10 N"
 //! ```
 
 mod fields;
+mod target;
 
 use std::path::{Path, PathBuf};
 
-use super::{Follower, follower, number_in, read_scene, target};
+use super::{Follower, Study, follower, number_in, read_scene, target};
 use crate::input;
 use crate::scene::check::{Checker, Known, Record, quoted};
 use crate::scene::document::{self, Node, Value as Written};
-use crate::scene::error::{SceneError, Source};
+use crate::scene::error::{Place, SceneError, Source};
 use crate::scene::schema::schema_of;
 use crate::scene::set;
 use crate::scene::spelling::advice;
@@ -35,6 +45,7 @@ use crate::scene::table::{Field, Kind};
 use crate::scene::{Located, MOST_BYTES, first};
 use crate::units::Dimension;
 use fields::CALIBRATION;
+pub use target::{Quantity, Statistic, Target};
 
 /// Columns of results that are not parameters or targets; nothing free may be called like one.
 pub const CALIBRATION_COLUMNS: [&str; 6] = ["evaluation", "round", "cost", "status", "reason", "state_hash"];
@@ -65,17 +76,20 @@ pub struct Calibration {
     pub probe: f64,
     /// The file itself.
     pub text: String,
+    name: String,
 }
 
-/// A scene that is run for every set of parameters.
-#[derive(Clone, Debug, PartialEq)]
+/// A scene, or a study of periodic samples, that is run for every set of parameters.
+#[derive(Clone, Debug)]
 pub struct Experiment {
     /// Its name; empty if there is only one.
     pub name: String,
-    /// The scene file: the calibration's folder with the path as written.
+    /// The scene file: the calibration's folder, or that of the study, with the path as written.
     pub scene: PathBuf,
     /// What stands in it.
     pub scene_text: String,
+    /// The study and its file, if the scene is one of periodic samples.
+    pub samples: Option<(PathBuf, Study)>,
     /// By which arguments of `--set` it is changed.
     pub sets: Vec<String>,
 }
@@ -95,40 +109,6 @@ pub struct Free {
     pub logarithmic: bool,
     /// Whether it is rounded to a whole number.
     pub whole: bool,
-}
-
-/// A number that a measure should come to.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Target {
-    /// Its name.
-    pub name: String,
-    /// Number of the experiment.
-    pub experiment: usize,
-    /// The stage that measures it.
-    pub stage: String,
-    /// The measure.
-    pub measure: String,
-    /// What of it.
-    pub statistic: Statistic,
-    /// What it should be, in SI units.
-    pub value: f64,
-    /// How far it may be off: the standard deviation of what was measured, in SI units; above 0.
-    pub scatter: f64,
-    /// How much it counts; above 0.
-    pub weight: f64,
-    /// Its SI unit.
-    pub unit: &'static str,
-}
-
-/// A number of a measure.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Statistic {
-    /// The mean.
-    #[default]
-    Mean,
-    /// The standard deviation.
-    Std,
 }
 
 /// How parameters are searched.
@@ -208,20 +188,32 @@ impl Calibration {
         let mut root = document::parse(&source).map_err(first)?;
         let found = set::apply(&mut root, &CALIBRATION, sets);
         let known = Known::default();
-        let mut reader = Reader { checker: Checker { known: &known, found }, scenes: Vec::new() };
+        let mut reader = Reader { checker: Checker { known: &known, found }, models: Vec::new() };
         let file = reader.checker.table(&root, &CALIBRATION, "");
         let experiments = reader.experiments(&file, folder)?;
-        let mut calibration = reader.calibration(&file, experiments);
+        let mut calibration = reader.calibration(&file, experiments, folder);
         let (_, mut errors): (Vec<_>, Vec<_>) =
             reader.checker.found.into_iter().partition(SceneError::is_warning);
         if errors.is_empty() {
             text.clone_into(&mut calibration.text);
+            name.clone_into(&mut calibration.name);
             return Ok(calibration);
         }
         errors.sort_by_key(|e| {
             if e.place().source().name() == name { e.place().span().start } else { usize::MAX }
         });
         Err(first(errors))
+    }
+
+    /// What is wrong with a target, as is seen when its scene is made; it points at the name of the target.
+    pub fn wrong(&self, target: &str, what: String) -> SceneError {
+        let source = Source::new(&self.name, &self.text);
+        let place = document::parse(&source).ok().and_then(|root| {
+            let targets = root.get("target")?.entries();
+            targets.iter().find(|entry| entry.key.value == target).map(|entry| entry.key.place.clone())
+        });
+        let place = place.unwrap_or_else(|| Place::new(&source, 0..0));
+        SceneError::new("undefined", &place, what).label("this target")
     }
 
     /// Whether a file can be read and is meant to be a calibration.
@@ -243,54 +235,102 @@ pub fn calibration_schema() -> serde_json::Value {
 
 struct Reader<'a> {
     checker: Checker<'a>,
-    /// The scene of each experiment, if it could be read.
-    scenes: Vec<Option<Node>>,
+    /// What the experiments run.
+    models: Vec<Model>,
+}
+
+/// What an experiment runs, as it is written.
+#[derive(Default)]
+struct Model {
+    /// The scene, if it could be read.
+    scene: Option<Node>,
+    /// The study of periodic samples, if it is one.
+    study: Option<Node>,
 }
 
 impl Reader<'_> {
     fn experiments(&mut self, file: &Record, folder: &Path) -> Result<Vec<Experiment>, Vec<SceneError>> {
-        let shared = file.located_if("scene");
         let nothing = [];
         let named = if file.has("experiment") { file.named("experiment") } else { &nothing };
         let mut all = Vec::new();
-        let mut add = |reader: &mut Self,
-                       name: &str,
-                       scene: Option<Located<String>>,
-                       sets|
-         -> Result<(), Vec<SceneError>> {
-            let Some(scene) = scene else { return Ok(()) };
-            let path = Located { value: folder.join(&scene.value), place: scene.place };
-            let read = read_scene(&mut reader.checker, &path)?;
-            let (root, text) = read.map_or((None, String::new()), |(root, text)| (Some(root), text));
-            reader.scenes.push(root);
-            all.push(Experiment { name: name.to_owned(), scene: path.value, scene_text: text, sets });
-            Ok(())
-        };
         if named.is_empty() {
-            if shared.is_none() && !file.written("scene") {
+            if !names_model(file) {
                 let message = "the calibration needs `scene`".to_owned();
                 self.checker.error(
-                    SceneError::new("missing", &file.place, message)
-                        .label("`scene` is missing")
-                        .help("write scene = \"…\", or [experiment.NAME] with a scene for each of several"),
+                    SceneError::new("missing", &file.place, message).label("`scene` is missing").help(
+                        "write scene = \"…\", or study = \"…\" for periodic samples, or [experiment.NAME] with one of them \
+                         for each of several",
+                    ),
                 );
             }
-            add(self, "", shared.clone(), Vec::new())?;
+            all.extend(self.model(file, "", Vec::new(), folder)?);
         }
         for (name, record) in named {
             let sets = self.sets(record, &name.value);
-            let own = record.located_if("scene");
-            if own.is_none() && shared.is_none() && !record.written("scene") {
+            if !names_model(record) && !names_model(file) {
                 let message = format!("`experiment.{}` needs `scene`", name.value);
                 self.checker.error(
-                    SceneError::new("missing", &name.place, message)
-                        .label("of which scene?")
-                        .help("write its scene = \"…\" here, or one for all above the tables"),
+                    SceneError::new("missing", &name.place, message).label("of which scene?").help(
+                        "write its scene = \"…\" or study = \"…\" here, or one for all above the tables",
+                    ),
                 );
             }
-            add(self, &name.value, own.or_else(|| shared.clone()), sets)?;
+            let from = if names_model(record) { record } else { file };
+            all.extend(self.model(from, &name.value, sets, folder)?);
         }
         Ok(all)
+    }
+
+    /// The experiment of the scene or study that a table names.
+    fn model(
+        &mut self,
+        record: &Record,
+        name: &str,
+        sets: Vec<String>,
+        folder: &Path,
+    ) -> Result<Option<Experiment>, Vec<SceneError>> {
+        let mut model = Model::default();
+        let mut experiment = Experiment {
+            name: name.to_owned(),
+            scene: PathBuf::new(),
+            scene_text: String::new(),
+            samples: None,
+            sets,
+        };
+        let located = |key: &str| {
+            record.located_if(key).map(|l| Located { value: folder.join(&l.value), place: l.place })
+        };
+        if let Some(path) = located("study") {
+            if let Some((root, text)) = read_scene(&mut self.checker, &path)? {
+                let title = path.value.display().to_string();
+                let study = Study::parse(&title, &text, path.value.parent().unwrap_or(Path::new("")), &[])?;
+                if !study.parameters.is_empty() || study.rve.is_none() {
+                    let message = match study.rve {
+                        None => format!("`{title}` is no study of periodic samples: it lacks [consolidate]"),
+                        Some(_) => format!("something varies in `{title}` already"),
+                    };
+                    self.checker.error(SceneError::new("conflict", &path.place, message).label("this study").help(
+                        "a calibration takes a study of periodic samples (`glebe rve`) without [vary]; write scene = \"…\" for \
+                         a scene",
+                    ));
+                }
+                let source = Source::new(&study.scene.display().to_string(), &study.scene_text);
+                model.scene = Some(document::parse(&source).map_err(first)?);
+                model.study = Some(root);
+                (experiment.scene, experiment.scene_text) = (study.scene.clone(), study.scene_text.clone());
+                experiment.samples = Some((path.value, study));
+            }
+        } else if let Some(path) = located("scene") {
+            if let Some((root, text)) = read_scene(&mut self.checker, &path)? {
+                model.scene = Some(root);
+                experiment.scene_text = text;
+            }
+            experiment.scene = path.value;
+        } else {
+            return Ok(None);
+        }
+        self.models.push(model);
+        Ok(Some(experiment))
     }
 
     /// A list of arguments of `--set`.
@@ -313,7 +353,7 @@ impl Reader<'_> {
         Vec::new()
     }
 
-    fn calibration(&mut self, file: &Record, experiments: Vec<Experiment>) -> Calibration {
+    fn calibration(&mut self, file: &Record, experiments: Vec<Experiment>, folder: &Path) -> Calibration {
         let free: Vec<Free> = file.named("free").iter().filter_map(|(n, r)| self.free(&n.value, r)).collect();
         let some = |key: &str, message: &str, help: &str| {
             (file.has(key) && file.named(key).is_empty()).then(|| {
@@ -329,20 +369,24 @@ impl Reader<'_> {
             some(
                 "target",
                 "this calibration has no target",
-                "write [target.NAME] with a measure and its value",
+                "write [target.NAME] with a measure and its value, or with the file of a curve",
             ),
         ];
         empty.into_iter().flatten().for_each(|error| self.checker.error(error));
         let names: Vec<(&str, bool)> =
             file.named("free").iter().map(|(name, _)| (name.value.as_str(), true)).collect();
-        let scene = self.scenes.first().and_then(Option::as_ref);
+        let first = self.models.first();
+        let (scene, own) = (first.and_then(|m| m.scene.as_ref()), first.and_then(|m| m.study.as_ref()));
         let followers = file
             .named("follow")
             .iter()
-            .filter_map(|(n, r)| follower(&mut self.checker, scene, None, &n.value, r, &names))
+            .filter_map(|(n, r)| follower(&mut self.checker, scene, own, &n.value, r, &names))
             .collect();
-        let targets =
-            file.named("target").iter().filter_map(|(n, r)| self.target(&n.value, r, &experiments)).collect();
+        let targets = file
+            .named("target")
+            .iter()
+            .filter_map(|(n, r)| self.target(&n.value, r, &experiments, folder))
+            .collect();
         self.names_differ(file);
         let method = method(file);
         let stop = self.stop(file, &method);
@@ -358,14 +402,16 @@ impl Reader<'_> {
             good: file.number("good"),
             probe: file.number("probe"),
             text: String::new(),
+            name: String::new(),
         }
     }
 
     fn free(&mut self, name: &str, record: &Record) -> Option<Free> {
         // It must lead somewhere in each scene; one message is enough.
         let mut found = None;
-        for scene in self.scenes.iter().flatten() {
-            found = Some(target(&mut self.checker, scene, None, record)?);
+        for Model { scene, study } in &self.models {
+            let Some(scene) = scene else { continue };
+            found = Some(target(&mut self.checker, scene, study.as_ref(), record)?);
         }
         let (path, kind) = found?;
         let whole = matches!(kind, Kind::Integer);
@@ -406,47 +452,6 @@ impl Reader<'_> {
         }
         let unit = number_in(&kind).map_or("", |d| d.si);
         Some(Free { name: name.to_owned(), path, unit, bounds: [low, high], logarithmic, whole })
-    }
-
-    fn target(&mut self, name: &str, record: &Record, experiments: &[Experiment]) -> Option<Target> {
-        let experiment = self.experiment(name, record, experiments)?;
-        let wanted = record.located_if("measure")?;
-        let scene = self.scenes.get(experiment)?.as_ref()?;
-        let Some((stage, measure, component)) = measure_in(scene, &wanted.value) else {
-            let all = measures_of(scene);
-            let all: Vec<&str> = all.iter().map(String::as_str).collect();
-            let message = format!("the scene measures no `{}`", wanted.value);
-            self.checker.error(
-                SceneError::new("undefined", &wanted.place, message).label("STAGE.MEASURE").help(advice(
-                    &wanted.value,
-                    &all,
-                    "no stage of it measures anything",
-                )),
-            );
-            return None;
-        };
-        let part = component.rsplit_once('.').map_or("", |(_, part)| part);
-        let turning = ["tx", "ty", "tz"].contains(&part);
-        let unit = if turning { "N m" } else { "N" };
-        let dimension = Dimension::of_si(unit);
-        let any = Field::new("", Kind::Number(dimension), "");
-        let above = any_above_zero(dimension);
-        let mut number = |key: &str, field: &Field| {
-            self.checker.number(record.node(key)?, dimension, field, &format!("target.{name}.{key}"))
-        };
-        let (value, scatter) = (number("value", &any), number("scatter", &above));
-        let statistic = if record.text("statistic") == "std" { Statistic::Std } else { Statistic::Mean };
-        Some(Target {
-            name: name.to_owned(),
-            experiment,
-            stage,
-            measure,
-            statistic,
-            value: value?,
-            scatter: scatter?,
-            weight: record.number("weight"),
-            unit,
-        })
     }
 
     fn experiment(&mut self, name: &str, record: &Record, experiments: &[Experiment]) -> Option<usize> {
@@ -535,10 +540,6 @@ impl Reader<'_> {
     }
 }
 
-fn any_above_zero(dimension: Dimension) -> Field {
-    Field::new("", Kind::Number(dimension), "").above(0.0)
-}
-
 fn method(file: &Record) -> Method {
     let table = file.table_or_empty("method");
     let whole = |record: &Record, key: &str| usize::try_from(record.integer(key)).unwrap_or(usize::MAX);
@@ -560,26 +561,7 @@ fn method(file: &Record) -> Method {
     }
 }
 
-/// The measures of a scene as stage, name and what they are of.
-fn written_measures(scene: &Node) -> Vec<(String, String, String)> {
-    let Some(Written::Array(stages)) = scene.get("stage").map(|n| &n.value) else { return Vec::new() };
-    let text = |node: Option<&Node>| match node.map(|n| &n.value) {
-        Some(Written::Text(text)) => text.clone(),
-        _ => String::new(),
-    };
-    let mut all = Vec::new();
-    for stage in stages {
-        for entry in stage.get("measure").map(Node::entries).unwrap_or_default() {
-            all.push((text(stage.get("name")), entry.key.value.clone(), text(entry.node.get("of"))));
-        }
-    }
-    all
-}
-
-fn measure_in(scene: &Node, full_name: &str) -> Option<(String, String, String)> {
-    written_measures(scene).into_iter().find(|(stage, name, _)| format!("{stage}.{name}") == full_name)
-}
-
-fn measures_of(scene: &Node) -> Vec<String> {
-    written_measures(scene).into_iter().map(|(stage, name, _)| format!("{stage}.{name}")).collect()
+/// Whether a table names what is run.
+fn names_model(record: &Record) -> bool {
+    record.written("scene") || record.written("study")
 }

@@ -16,6 +16,7 @@
 
 mod calibration;
 mod fields;
+pub mod measured;
 mod rve;
 
 use std::fmt;
@@ -33,7 +34,8 @@ use crate::scene::table::{Field, Kind};
 use crate::scene::{Located, MOST_BYTES, first};
 use crate::units::Dimension;
 pub use calibration::{
-    CALIBRATION_COLUMNS, Calibration, Experiment, Free, Method, Statistic, Stop, Target, calibration_schema,
+    CALIBRATION_COLUMNS, Calibration, Experiment, Free, Method, Quantity, Statistic, Stop, Target,
+    calibration_schema,
 };
 use fields::{SAMPLERS, STUDY};
 pub use rve::{Aim, Consolidate, Load, Prepare, Program, Rve};

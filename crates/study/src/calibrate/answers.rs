@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use super::found::shown;
 use super::{Calibrator, Evaluation};
 use crate::search::{Posterior, clusters};
 
@@ -23,7 +24,7 @@ pub struct Agent {
     pub cost: f64,
     /// Parameters and what follows them, by name, in SI units.
     pub parameters: BTreeMap<String, f64>,
-    /// What the targets' measures came to, by name, in SI units.
+    /// What the targets came to, by name, in SI units; of curves the root mean square deviation \[scatters\].
     pub targets: BTreeMap<String, f64>,
     /// The arguments of `--set` by which `glebe run` of each experiment's scene gives the same.
     pub set: BTreeMap<String, Vec<String>>,
@@ -40,6 +41,8 @@ pub struct Cluster {
     pub parameters: BTreeMap<String, f64>,
     /// Means of what the targets' measures came to.
     pub targets: BTreeMap<String, f64>,
+    /// The arguments of `--set` by which each experiment's scene gives the best of them.
+    pub set: BTreeMap<String, Vec<String>>,
 }
 
 /// What is known of a parameter after a filter, in SI units.
@@ -95,13 +98,20 @@ impl Calibrator<'_> {
             evaluation: k,
             cost: e.cost,
             parameters: names.cloned().zip(values).collect(),
-            targets: self.by_target(|t| e.found[t]),
-            set: c
-                .experiments
-                .iter()
-                .map(|x| (x.name.clone(), [x.sets.as_slice(), &e.world.sets].concat()))
-                .collect(),
+            targets: self.by_target(|t| self.shown(e, t)),
+            set: self.sets(e),
         }
+    }
+
+    /// The arguments of `--set` by which each experiment's scene gives an evaluation.
+    fn sets(&self, e: &Evaluation) -> BTreeMap<String, Vec<String>> {
+        let all = self.plan.calibration.experiments.iter();
+        all.map(|x| (x.name.clone(), [x.sets.as_slice(), &e.world.sets].concat())).collect()
+    }
+
+    /// What tables show of a target.
+    pub(super) fn shown(&self, e: &Evaluation, t: usize) -> f64 {
+        shown(&self.plan.calibration.targets[t], &e.found[t])
     }
 
     fn by_target(&self, value: impl Fn(usize) -> f64) -> BTreeMap<String, f64> {
@@ -141,7 +151,8 @@ impl Calibrator<'_> {
                 agents: its.len(),
                 best: its.first().copied().unwrap_or_default(),
                 parameters: c.free.iter().map(|f| f.name.clone()).zip(values).collect(),
-                targets: self.by_target(|t| mean(&|e| e.found[t])),
+                targets: self.by_target(|t| mean(&|e| self.shown(e, t))),
+                set: its.first().map_or_else(BTreeMap::new, |k| self.sets(&self.evaluations[*k])),
             }
         };
         let clusters = (0..found.count).map(cluster).collect();

@@ -42,6 +42,13 @@ pub(super) fn covariance(slopes: &[Vec<f64>]) -> Matrix {
     Eigen::of(&information).map(|x| 1.0 / x)
 }
 
+/// How wide a distribution with this covariance in the unit cube is beside an even one: geometric mean over the parameters of
+/// the ratio of standard deviations.
+pub(super) fn uncertainty(covariance: &Matrix) -> f64 {
+    let logs = covariance.iter().enumerate().map(|(k, row)| libm::log((row[k] / EVEN).sqrt()));
+    libm::exp(logs.sum::<f64>() / covariance.len() as f64)
+}
+
 /// What is known of parameters with this covariance in the unit cube.
 pub(super) fn known(names: &[&str], covariance: &Matrix) -> Vec<Known> {
     let correlation = |i: usize, j: usize| covariance[i][j] / (covariance[i][i] * covariance[j][j]).sqrt();

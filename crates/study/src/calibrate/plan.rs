@@ -1,18 +1,21 @@
 //! What a calibration will run.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use glebe_engine::Constants;
 use glebe_engine::backend::Backend;
 use glebe_engine::state::Progress;
 use glebe_io::scene::SceneError;
-use glebe_io::study::{Calibration, Method};
+use glebe_io::study::{Calibration, Method, Quantity, Study, Target};
 
 use super::searcher;
 use crate::beds::Bed;
+use crate::capture::Wanted;
 use crate::digest::Digest;
 use crate::drive::steps_left;
 use crate::ensemble::{Made, make};
+use crate::rve;
 use crate::sample::{World, within};
 
 /// A calibration whose scenes were made once, with every parameter in the middle of its range.
@@ -29,6 +32,17 @@ pub struct Plan {
     pub warnings: Vec<String>,
     constants: Vec<Arc<Constants>>,
     scene_hashes: Vec<String>,
+    /// Curves that the worlds of each experiment are to give.
+    pub(super) curves: Vec<Vec<Wanted>>,
+    /// Experiments on periodic samples, those of one study together.
+    pub(super) groups: Vec<Group>,
+}
+
+/// Experiments on the samples of one study.
+pub(super) struct Group {
+    pub(super) study: Study,
+    /// Their numbers.
+    pub(super) experiments: Vec<usize>,
 }
 
 impl Plan {
@@ -37,6 +51,7 @@ impl Plan {
     /// # Errors
     /// Scenes that cannot be set up there.
     pub fn new(calibration: Calibration) -> Result<Self, Vec<SceneError>> {
+        let groups = groups(&calibration);
         let mut plan = Self {
             calibration,
             particles: Vec::new(),
@@ -45,25 +60,94 @@ impl Plan {
             warnings: Vec::new(),
             constants: Vec::new(),
             scene_hashes: Vec::new(),
+            curves: Vec::new(),
+            groups,
         };
-        for made in plan.made(0.5)? {
-            plan.particles.push(made.constants.count);
-            let steps = steps_left(&made.constants, &Progress::default());
+        let own = plan.world(&vec![0.5; plan.calibration.free.len()]);
+        for e in 0..plan.calibration.experiments.len() {
+            let (constants, hash, steps, new) = match &plan.calibration.experiments[e].samples {
+                None => {
+                    let Made { constants, scene_hash, warnings, .. } = plan.made(e, &own)?;
+                    let steps = steps_left(&constants, &Progress::default());
+                    plan.curves.push(plan.wanted(e, &constants)?);
+                    (constants, scene_hash, steps, warnings)
+                }
+                Some((_, study)) => {
+                    let (constants, samples) = plan.samples(e, study, &own)?;
+                    let steps =
+                        samples.samples.iter().filter_map(|s| Some(s.fate.as_ref().ok()?.steps)).sum();
+                    plan.curves.push(Vec::new());
+                    (constants, samples.digest(), steps, samples.warnings)
+                }
+            };
+            plan.particles.push(constants.count);
             plan.steps += steps;
-            plan.particle_steps += steps as f64 * made.constants.count as f64;
-            let new = made.warnings.into_iter().filter(|w| !plan.warnings.contains(w)).collect::<Vec<_>>();
+            plan.particle_steps += steps as f64 * constants.count as f64;
+            let new = new.into_iter().filter(|w| !plan.warnings.contains(w)).collect::<Vec<_>>();
             plan.warnings.extend(new);
-            plan.constants.push(made.constants);
-            plan.scene_hashes.push(made.scene_hash);
+            plan.constants.push(constants);
+            plan.scene_hashes.push(hash);
         }
         let (free, targets) = (plan.calibration.free.len(), plan.calibration.targets.len());
-        if targets < free {
+        let numbers: usize = plan.calibration.targets.iter().map(|t| t.values.len()).sum();
+        if numbers < free {
             plan.warnings.push(format!(
                 "{targets} target{} cannot tell {free} free parameters apart: many sets of them will do equally well",
                 if targets == 1 { "" } else { "s" }
             ));
         }
         Ok(plan)
+    }
+
+    /// The targets of an experiment, with their numbers.
+    pub(super) fn targets_of(&self, experiment: usize) -> Vec<(usize, &Target)> {
+        let all = self.calibration.targets.iter().enumerate();
+        all.filter(|(_, target)| target.experiment == experiment).collect()
+    }
+
+    /// The curves that the worlds of an experiment are to give.
+    fn wanted(&self, e: usize, c: &Constants) -> Result<Vec<Wanted>, Vec<SceneError>> {
+        let mut all = Vec::new();
+        for (_, target) in self.targets_of(e) {
+            if let Quantity::Curve { stage: Some(stage), x, y, at, .. } = &target.quantity {
+                let wanted = Wanted::of(c, &target.name, stage, [x, y], at);
+                all.push(wanted.map_err(|why| vec![self.calibration.wrong(&target.name, why)])?);
+            }
+        }
+        Ok(all)
+    }
+
+    /// The samples of an experiment with a set of parameters, and the first that can be loaded; or why there is none.
+    fn samples(
+        &self,
+        e: usize,
+        study: &Study,
+        own: &World,
+    ) -> Result<(Arc<Constants>, rve::Plan), Vec<SceneError>> {
+        let sets = [self.calibration.experiments[e].sets.as_slice(), &own.sets].concat();
+        let variant = World { values: Vec::new(), sets };
+        let plan = rve::Plan::of(study.clone(), vec![variant], || false).ok_or_else(Vec::new)?;
+        let load = |facts: &rve::Facts| facts.rve.load;
+        for (_, target) in self.targets_of(e) {
+            let load = plan.samples.iter().find_map(|s| load(s.fate.as_ref().ok()?));
+            let Quantity::Curve { x, at, .. } = &target.quantity else { continue };
+            let furthest = at.last().copied().unwrap_or(0.0);
+            if let Some(load) =
+                load.filter(|load| x == "strain" && load.cycles == 0 && furthest > load.strain * 1.001)
+            {
+                let why = format!(
+                    "`{}` was measured up to a strain of {furthest}, and samples are loaded up to {}: raise load.strain, or \
+                     take these lines out of the file",
+                    target.name, load.strain
+                );
+                return Err(vec![self.calibration.wrong(&target.name, why)]);
+            }
+        }
+        let refused = plan.samples.iter().find_map(|sample| sample.fate.as_ref().err());
+        match (refused, plan.first()) {
+            (None, [constants, ..]) => Ok((constants.clone(), plan)),
+            (refused, _) => Err(refused.cloned().unwrap_or_default()),
+        }
     }
 
     /// The worlds of the middles of the ranges, to choose a device for.
@@ -92,20 +176,23 @@ impl Plan {
         World::new(c.free.iter().map(|f| f.path.as_str()), &c.followers, values.collect())
     }
 
-    /// The experiments' worlds with every parameter at a share of its range.
-    fn made(&self, share: f64) -> Result<Vec<Made>, Vec<SceneError>> {
-        let own = self.world(&vec![share; self.calibration.free.len()]).sets;
-        let made = |e: &glebe_io::study::Experiment| {
-            make(&e.scene, &e.scene_text, &[e.sets.as_slice(), &own].concat())
-        };
-        self.calibration.experiments.iter().map(made).collect()
+    /// The world of an experiment with a set of parameters.
+    fn made(&self, e: usize, own: &World) -> Result<Made, Vec<SceneError>> {
+        let e = &self.calibration.experiments[e];
+        make(&e.scene, &e.scene_text, &[e.sets.as_slice(), &own.sets].concat())
     }
 
     /// Whether all evaluations begin from the same settled beds.
     pub(super) fn shares_beds(&self, backend: Backend) -> bool {
+        let all = &self.calibration.experiments;
+        let scenes: Vec<usize> = (0..all.len()).filter(|e| all[*e].samples.is_none()).collect();
         let keys = |share: f64| -> Option<Vec<String>> {
-            let made = self.made(share).ok()?;
-            made.iter().map(|m| Some(Bed::of(&m.constants, &m.state, backend)?.key)).collect()
+            let own = self.world(&vec![share; self.calibration.free.len()]);
+            let key = |e: &usize| {
+                let made = self.made(*e, &own).ok()?;
+                Some(Bed::of(&made.constants, &made.state, backend)?.key)
+            };
+            scenes.iter().map(key).collect()
         };
         keys(0.5).is_some_and(|middle| keys(0.25).as_ref() == Some(&middle))
     }
@@ -121,4 +208,16 @@ impl Plan {
             .debug(&(c.method, c.probe))
             .finish()
     }
+}
+
+fn groups(calibration: &Calibration) -> Vec<Group> {
+    let mut groups: Vec<(&Path, Group)> = Vec::new();
+    for (e, experiment) in calibration.experiments.iter().enumerate() {
+        let Some((path, study)) = &experiment.samples else { continue };
+        match groups.iter_mut().find(|(of, _)| of == path) {
+            Some((_, group)) => group.experiments.push(e),
+            None => groups.push((path, Group { study: study.clone(), experiments: vec![e] })),
+        }
+    }
+    groups.into_iter().map(|(_, group)| group).collect()
 }

@@ -6,13 +6,13 @@ use std::time::Instant;
 
 use glebe_io::output::{Cell, OutputDir, file_word, summary, write_atomic, write_table};
 use glebe_io::scene::{Scene, rewritten};
-use glebe_io::study::{CALIBRATION_COLUMNS, Statistic, Value};
+use glebe_io::study::{CALIBRATION_COLUMNS, Experiment, Quantity, Statistic, Target, Value, of_samples};
 use glebe_report::{Axis, Plot, Series, Style};
 use serde::Serialize;
 
 use super::answers::{Agent, Cluster, Interval};
-use super::identify::{Known, covariance, doubts, known};
-use super::{Calibrator, End};
+use super::identify::{Known, covariance, doubts, known, uncertainty};
+use super::{Calibrator, End, Slopes};
 use crate::drive::Listener;
 use crate::ensemble::{StudyError, short, told_once};
 use crate::search::{Posterior, Search};
@@ -49,6 +49,8 @@ pub struct Summary {
     pub best: Vec<Agent>,
     /// The best parameters as scenes that run, by experiment.
     pub best_scenes: BTreeMap<String, PathBuf>,
+    /// Arguments of `glebe` that run each experiment with them.
+    pub best_runs: Vec<Vec<String>>,
     /// Clusters of good agents, the largest first.
     pub clusters: Vec<Cluster>,
     /// How well the clusters are apart: mean silhouette, -1 to 1; 0 for one cluster.
@@ -64,6 +66,9 @@ pub struct Summary {
     pub rounds: Vec<Round>,
     /// How fast it was, since it was started or resumed.
     pub performance: summary::Performance,
+    /// Wall time until the last evaluation ended, summed over all runs that this was resumed in, without what was lost when
+    /// one of them was killed \[s\].
+    pub computed_s: f64,
     /// What the user should know.
     pub warnings: Vec<String>,
 }
@@ -98,7 +103,7 @@ pub struct Parameter {
     /// What the targets tell of it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub known: Option<Known>,
-    /// How the targets change over its range near the best agent, by name \[scatters\].
+    /// How the targets change over its range near the best agent, by name \[scatters\]; of curves the root mean square.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub sensitivity: BTreeMap<String, f64>,
     /// What a filter found.
@@ -111,9 +116,9 @@ pub struct Parameter {
 pub struct Wanted {
     /// Its name.
     pub name: String,
-    /// Stage, measure and number: `till.draught_force mean`.
+    /// Stage, measure and number: `till.draught_force mean`; of a curve its axes: `till: sweep.draught over sweep.path`.
     pub measure: String,
-    /// Its SI unit.
+    /// Its SI unit; of a curve `scatters`, and the following are of its root mean square deviation.
     pub unit: &'static str,
     /// What it should come to.
     pub value: f64,
@@ -134,15 +139,24 @@ pub struct Round {
     pub mean: f64,
     /// How many of the round's evaluations have none.
     pub without: usize,
+    /// Of a filter, the noise scale of its posterior, in scatters of the targets.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scale: Option<f64>,
+    /// Of a filter, how wide its posterior is beside an even distribution: geometric mean over the parameters of the ratio of
+    /// standard deviations.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub uncertainty: Option<f64>,
 }
 
 impl Round {
-    pub(super) fn of(costs: &[f64], carried: &[f64], before: f64) -> Self {
+    pub(super) fn of(costs: &[f64], carried: &[f64], before: f64, posterior: Option<&Posterior>) -> Self {
         let finite: Vec<f64> = carried.iter().copied().filter(|c| c.is_finite()).collect();
         Self {
             best: costs.iter().copied().fold(before, f64::min),
             mean: finite.iter().sum::<f64>() / finite.len() as f64,
             without: costs.iter().filter(|c| !c.is_finite()).count(),
+            scale: posterior.map(|p| p.scale),
+            uncertainty: posterior.map(|p| uncertainty(&p.covariance)),
         }
     }
 }
@@ -154,7 +168,7 @@ impl Calibrator<'_> {
         dir: &OutputDir,
         search: &dyn Search,
         end: End,
-        slopes: Option<&[Vec<f64>]>,
+        slopes: Option<&Slopes>,
         started: Instant,
         hash: &str,
         listener: &mut dyn Listener,
@@ -165,6 +179,7 @@ impl Calibrator<'_> {
         let best = self.best_agents();
         let found = self.clusters();
         self.figures(dir, posterior.as_ref())?;
+        self.curves(dir)?;
         let best_scenes = if best.is_empty() { BTreeMap::new() } else { self.scenes(dir, &best[0])? };
         let mut said: BTreeMap<String, Vec<usize>> = BTreeMap::new();
         for (k, e) in self.evaluations.iter().enumerate() {
@@ -203,6 +218,7 @@ impl Calibrator<'_> {
             counts,
             parameters: self.parameters(best.first(), known.as_deref(), slopes, posterior.as_ref()),
             targets: self.targets(best.first()),
+            best_runs: self.runs(best.first(), &best_scenes),
             best,
             best_scenes,
             clusters: found.clusters,
@@ -217,6 +233,7 @@ impl Calibrator<'_> {
                 steps: self.ensemble.steps,
                 phases: BTreeMap::new(),
             },
+            computed_s: self.work.rows.values().map(|row| row.seconds).sum::<f64>() + self.sampled_s,
             warnings: self.warnings,
         };
         write_atomic(&dir.summary(), |out| {
@@ -224,6 +241,23 @@ impl Calibrator<'_> {
             out.write_all(b"\n")
         })?;
         Ok(summary)
+    }
+
+    /// Arguments that run each experiment with the best parameters.
+    fn runs(&self, best: Option<&Agent>, scenes: &BTreeMap<String, PathBuf>) -> Vec<Vec<String>> {
+        let run = |e: &Experiment| {
+            let scene = scenes.get(&e.name)?;
+            let Some((study, _)) = &e.samples else {
+                return Some(vec!["run".to_owned(), scene.display().to_string()]);
+            };
+            // The study looks for its scene from its own folder.
+            let scene = std::path::absolute(scene).unwrap_or_else(|_| scene.clone());
+            let own = best?.set.get(&e.name).into_iter().flatten().filter(|set| of_samples(set)).cloned();
+            let sets = std::iter::once(format!("scene='{}'", scene.display())).chain(own);
+            let sets = sets.flat_map(|set| ["--set".to_owned(), set]);
+            Some(["rve".to_owned(), study.display().to_string()].into_iter().chain(sets).collect())
+        };
+        self.plan.calibration.experiments.iter().filter_map(run).collect()
     }
 
     fn counts(&self) -> Counts {
@@ -240,19 +274,23 @@ impl Calibrator<'_> {
     fn known(
         &mut self,
         posterior: Option<&Posterior>,
-        slopes: Option<&[Vec<f64>]>,
+        slopes: Option<&Slopes>,
         listener: &mut dyn Listener,
     ) -> Option<Vec<Known>> {
         let c = &self.plan.calibration;
-        let weighted = |slopes: &[Vec<f64>]| {
-            let roots = c.targets.iter().map(|t| t.weight.sqrt());
-            let rows = slopes.iter().zip(roots).map(|(row, w)| row.iter().map(|g| w * g).collect());
+        // The points of a curve share its weight.
+        let weighted = |slopes: &Slopes| {
+            let roots = c.targets.iter().map(|t| (t.weight / t.values.len() as f64).sqrt());
+            let rows = slopes
+                .iter()
+                .zip(roots)
+                .flat_map(|(rows, w)| rows.iter().map(move |row| row.iter().map(|g| w * g).collect()));
             rows.collect::<Vec<Vec<f64>>>()
         };
-        let finite = |slopes: &&[Vec<f64>]| slopes.iter().flatten().all(|g| g.is_finite());
+        let finite = |slopes: &Slopes| slopes.iter().flatten().flatten().all(|g| g.is_finite());
         let covariance = match (posterior, slopes) {
             (Some(p), _) => p.covariance.clone(),
-            (None, Some(slopes)) if finite(&slopes) => covariance(&weighted(slopes)),
+            (None, Some(slopes)) if finite(slopes) => covariance(&weighted(slopes)),
             (None, Some(_)) => {
                 let line = "an evaluation near the best failed, so that it is not known how well the targets determine \
                             the parameters";
@@ -282,7 +320,7 @@ impl Calibrator<'_> {
         &self,
         best: Option<&Agent>,
         known: Option<&[Known]>,
-        slopes: Option<&[Vec<f64>]>,
+        slopes: Option<&Slopes>,
         posterior: Option<&Posterior>,
     ) -> Vec<Parameter> {
         let c = &self.plan.calibration;
@@ -295,7 +333,7 @@ impl Calibrator<'_> {
             best: value(&f.name),
             known: known.and_then(|known| known.get(k)).cloned(),
             sensitivity: slopes.map_or_else(BTreeMap::new, |slopes| {
-                c.targets.iter().zip(slopes).map(|(t, row)| (t.name.clone(), row[k])).collect()
+                c.targets.iter().zip(slopes).map(|(t, rows)| (t.name.clone(), steepness(rows, k))).collect()
             }),
             posterior: posterior.map(|p| self.interval(p, k)),
         });
@@ -314,16 +352,33 @@ impl Calibrator<'_> {
 
     fn targets(&self, best: Option<&Agent>) -> Vec<Wanted> {
         let c = &self.plan.calibration;
-        let wanted = |t: &glebe_io::study::Target| {
-            let of = if t.statistic == Statistic::Std { "std" } else { "mean" };
+        let wanted = |t: &Target| {
+            let measure = match &t.quantity {
+                Quantity::Measure { stage, measure, statistic: Statistic::Std } => {
+                    format!("{stage}.{measure} std")
+                }
+                Quantity::Measure { stage, measure, .. } => format!("{stage}.{measure} mean"),
+                Quantity::Number(name) => (*name).to_owned(),
+                Quantity::Curve { stage, x, y, .. } => {
+                    let stage = stage.as_ref().map_or_else(String::new, |stage| format!("{stage}: "));
+                    format!("{stage}{y} over {x}")
+                }
+                _ => String::new(),
+            };
+            let number = |of: &[f64]| of.first().copied().unwrap_or(f64::NAN);
+            let (value, scatter, unit) = if t.is_curve() {
+                (0.0, 1.0, "scatters")
+            } else {
+                (number(&t.values), number(&t.scatters), t.unit)
+            };
             let place = c.experiments.get(t.experiment).filter(|e| !e.name.is_empty());
             let place = place.map_or_else(String::new, |e| format!("{}: ", e.name));
             Wanted {
                 name: t.name.clone(),
-                measure: format!("{place}{}.{} {of}", t.stage, t.measure),
-                unit: t.unit,
-                value: t.value,
-                scatter: t.scatter,
+                measure: format!("{place}{measure}"),
+                unit,
+                value,
+                scatter,
                 weight: t.weight,
                 best: best.and_then(|b| b.targets.get(&t.name)).copied().unwrap_or(f64::NAN),
             }
@@ -346,7 +401,7 @@ impl Calibrator<'_> {
                 Value::Whole(n) => Cell::Count(*n),
                 Value::Text(_) => Cell::Text(value.shown()),
             }));
-            cells.extend(e.found.iter().map(|x| Cell::Number(*x)));
+            cells.extend((0..c.targets.len()).map(|t| Cell::Number(self.shown(e, t))));
             let cost = if e.cost.is_finite() { e.cost } else { f64::NAN };
             cells.extend([
                 Cell::Number(cost),
@@ -428,6 +483,9 @@ impl Calibrator<'_> {
         for experiment in &self.plan.calibration.experiments {
             let from = experiment.scene.parent().unwrap_or(Path::new(""));
             let mut sets = best.set.get(&experiment.name).cloned().unwrap_or_default();
+            if experiment.samples.is_some() {
+                sets.retain(|set| !of_samples(set));
+            }
             let said = Scene::parse("", &experiment.scene_text, &sets).is_ok_and(|s| s.throughput.is_some());
             if !said {
                 // As in the study, so that it has the same bits.
@@ -443,5 +501,13 @@ impl Calibrator<'_> {
             all.insert(experiment.name.clone(), dir.write_scene(&name, &text, &remark)?);
         }
         Ok(all)
+    }
+}
+
+/// How steeply a target changes with parameter k: its slope, or the root mean square of those of a curve.
+fn steepness(rows: &[Vec<f64>], k: usize) -> f64 {
+    match rows {
+        [row] => row[k],
+        _ => (rows.iter().map(|row| row[k] * row[k]).sum::<f64>() / rows.len() as f64).sqrt(),
     }
 }

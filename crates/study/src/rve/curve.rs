@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use glebe_engine::batch::Sample;
+use glebe_io::output::columns::CURVE;
 use glebe_io::output::series::Series;
 use glebe_io::output::{Cell, OutputError, write_table};
 use glebe_io::study::Program;
@@ -148,7 +149,18 @@ impl Curve {
 
     /// Column names of [`cells`](Self::cells).
     pub(super) fn header() -> Vec<String> {
-        RAW[..2].iter().chain(&DERIVED).chain(&RAW[2..]).map(|name| (*name).to_owned()).collect()
+        CURVE.iter().map(|(name, _)| (*name).to_owned()).collect()
+    }
+
+    /// A column of the loading by its name, one of [`CURVE`]; none if there is no such column.
+    pub(crate) fn column(&self, name: &str) -> Option<Vec<f64>> {
+        let derived = [&self.strain, &self.eps_v, &self.eps_q, &self.p, &self.q];
+        let rows = self.loading();
+        if let Some(k) = DERIVED.iter().position(|n| *n == name) {
+            return Some(derived[k][rows].to_vec());
+        }
+        let k = RAW.iter().position(|n| *n == name)?;
+        Some(self.raw[rows].iter().map(|row| row[k]).collect())
     }
 
     /// A row.
@@ -222,6 +234,20 @@ mod tests {
         // Shear alone: q = √3 τ.
         let sheared = Curve::new(&[raw(0.0, 0.0, 0.0, [0.0, 0.0, 0.0, 0.0, 1e4, 0.0])], None);
         assert!((sheared.q[0] - 3_f64.sqrt() * 1e4).abs() < 1e-9);
+    }
+
+    #[test]
+    fn columns_are_those_of_the_table() {
+        let names: Vec<&str> = RAW[..2].iter().chain(&DERIVED).chain(&RAW[2..]).copied().collect();
+        assert_eq!(Curve::header(), names);
+        let even = [1e5, 1e5, 1e5, 0.0, 0.0, 0.0];
+        let rows = [raw(0.0, 0.0, 0.0, even), raw(1.0, 0.0, 0.1, even), raw(2.0, 1.0, 0.15, even)];
+        let curve = Curve::new(&rows, Some(Program::DrainedTriaxial));
+        for name in names {
+            assert_eq!(curve.column(name).unwrap().len(), 2, "{name}");
+        }
+        assert_eq!(curve.column("time").unwrap(), [0.0, 1.0]);
+        assert!(curve.column("series").is_none());
     }
 
     #[test]

@@ -31,6 +31,7 @@ use serde::{Deserialize, Serialize};
 pub use self::curve::Curve;
 pub use self::fabric::{BINS, Orientations, chi_square};
 pub use self::plan::{Facts, Plan, Planned};
+pub(crate) use self::results::Outcome;
 pub use self::results::{SampleSummary, Summary, VariantSummary};
 use self::search::{Next, Tried, nearest, next};
 pub use self::statistics::Spread;
@@ -67,19 +68,23 @@ pub struct Consolidated {
 
 /// A sample that has ended.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct Row {
+pub(crate) struct Row {
     sample: usize,
-    status: summary::Status,
-    reason: Option<String>,
-    state_hash: Option<String>,
+    pub(crate) status: summary::Status,
+    pub(crate) reason: Option<String>,
+    pub(crate) state_hash: Option<String>,
     /// Friction with which it was made, and the void ratio that this gave.
     made: Option<[f64; 2]>,
     consolidated: Option<Consolidated>,
+    /// Wall time since the row before, or since the study was begun or taken up \[s\].
+    #[serde(default)]
+    pub(crate) seconds: f64,
 }
 
 impl Row {
     fn without(sample: usize, status: summary::Status, reason: String) -> Self {
-        Self { sample, status, reason: Some(reason), state_hash: None, made: None, consolidated: None }
+        let (state_hash, made, consolidated, seconds) = (None, None, None, 0.0);
+        Self { sample, status, reason: Some(reason), state_hash, made, consolidated, seconds }
     }
 }
 
@@ -93,7 +98,19 @@ impl Row {
 pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Result<Summary, StudyError> {
     let started = Instant::now();
     let hash = plan.digest();
-    let opened = ensemble::open::<Entry>(&plan.study.text, &hash, settings, listener)?;
+    let (study, warnings) = gather(plan, settings, &hash, listener)?;
+    study.write(started, warnings, &hash)
+}
+
+/// Makes, consolidates and loads the samples of a plan, or those that are left, as [`run`] does; `hash` is the plan's
+/// digest. Returns them with what was wrong on the way.
+pub(crate) fn gather<'a>(
+    plan: &'a Plan,
+    settings: &'a Settings,
+    hash: &str,
+    listener: &mut dyn Listener,
+) -> Result<(Samples<'a>, Vec<String>), StudyError> {
+    let opened = ensemble::open::<Entry>(&plan.study.text, hash, settings, listener)?;
     let mut warnings = plan.warnings.clone();
     warnings.extend(opened.warnings);
     let Opened { dir, journal, entries, .. } = opened;
@@ -110,6 +127,7 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
         consolidated: BTreeMap::new(),
         tried: BTreeMap::new(),
         states: BTreeMap::new(),
+        since: Instant::now(),
     };
     if let Some(entries) = entries {
         for entry in entries {
@@ -137,16 +155,16 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
         study.discard_states()?;
         study.ensemble.tidy();
     }
-    study.write(started, warnings, &hash)
+    Ok((study, warnings))
 }
 
 /// A sample that was made: friction, void ratio and state; none of these if it is consolidated as it is.
 type Made = BTreeMap<usize, Option<(f64, f64, Arc<State>)>>;
 
 /// A study under way.
-struct Samples<'a> {
+pub(crate) struct Samples<'a> {
     plan: &'a Plan,
-    ensemble: Ensemble<'a>,
+    pub(crate) ensemble: Ensemble<'a>,
     journal: Journal,
     rows: BTreeMap<usize, Row>,
     consolidated: BTreeMap<usize, Consolidated>,
@@ -154,6 +172,8 @@ struct Samples<'a> {
     tried: BTreeMap<String, Vec<Tried>>,
     /// States that a preparation may take, by what is prepared and the bits of the friction.
     states: BTreeMap<(String, u64), Arc<State>>,
+    /// When the last sample ended, or the study was taken up.
+    since: Instant,
 }
 
 impl Samples<'_> {
@@ -518,6 +538,7 @@ impl Loaders<'_, '_> {
             state_hash: Some(state_hash),
             made: self.made.get(&w).and_then(Option::as_ref).map(|(friction, e, _)| [*friction, *e]),
             consolidated: self.study.consolidated.get(&w).cloned(),
+            seconds: std::mem::replace(&mut self.study.since, Instant::now()).elapsed().as_secs_f64(),
         };
         self.study.tell(Entry::Ended(row))?;
         ensemble::discard(&self.study.ensemble.checkpoint(w))

@@ -79,6 +79,15 @@ impl Plan {
         interrupted: impl Fn() -> bool + Sync,
     ) -> Result<Option<Self>, TooManyDimensions> {
         let variants = sample::worlds(&study)?;
+        Ok(Self::of(study, variants, interrupted))
+    }
+
+    /// The same of variants that were chosen elsewhere.
+    pub(crate) fn of(
+        study: Study,
+        variants: Vec<World>,
+        interrupted: impl Fn() -> bool + Sync,
+    ) -> Option<Self> {
         let seeds = study.rve.as_ref().map_or(1, |rve| rve.seeds);
         let all: Vec<(usize, u64)> =
             (0..variants.len()).flat_map(|v| (0..seeds).map(move |nth| (v, nth))).collect();
@@ -91,7 +100,7 @@ impl Plan {
             Some((Planned { variant, nth, fate }, warnings))
         };
         let made: Option<Vec<_>> = all.into_par_iter().map(look).collect();
-        let Some(made) = made else { return Ok(None) };
+        let made = made?;
         let mut samples = Vec::with_capacity(made.len());
         let mut said = std::collections::BTreeMap::new();
         for (w, (planned, warnings)) in made.into_iter().enumerate() {
@@ -104,7 +113,7 @@ impl Plan {
         let mut plan = Self { study, variants, samples, warnings, first: None };
         let first = plan.samples.iter().position(|sample| sample.fate.is_ok());
         plan.first = first.and_then(|w| plan.loaded(w).ok()).map(|made| made.constants);
-        Ok(Some(plan))
+        Some(plan)
     }
 
     /// The first sample that can be set up, to choose a device for; empty if there is no such sample.
@@ -124,7 +133,7 @@ impl Plan {
     }
 
     /// A digest of all samples.
-    pub(super) fn digest(&self) -> String {
+    pub(crate) fn digest(&self) -> String {
         let add = |digest: Digest, planned: &Planned| {
             let fate = planned.fate.as_ref();
             let fate =

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+use glebe_io::output::columns::SAMPLE_NUMBERS;
 use glebe_io::output::{Cell, summary, write_atomic, write_table};
 use glebe_io::study::{Program, Value};
 use glebe_report::{Axis, Band, Plot, Series, Style, rose};
@@ -102,9 +103,9 @@ pub struct VariantSummary {
 }
 
 /// What a sample came to.
-struct Outcome {
-    row: Row,
-    curve: Option<Curve>,
+pub(crate) struct Outcome {
+    pub(crate) row: Row,
+    pub(crate) curve: Option<Curve>,
 }
 
 impl Outcome {
@@ -129,9 +130,45 @@ impl Outcome {
     fn last(&self, read: impl Fn(&Curve) -> &[f64]) -> Option<f64> {
         self.curve.as_ref().filter(|curve| curve.loading().len() > 1).and_then(|c| read(c).last().copied())
     }
+
+    /// One of [`SAMPLE_NUMBERS`].
+    pub(crate) fn number(&self, name: &str) -> Option<f64> {
+        let of = |read: fn(&Consolidated) -> f64| self.consolidated().map(read);
+        let peak = || self.peak().zip(self.curve.as_ref());
+        match name {
+            "prepared.friction" => self.row.made.map(|m| m[0]),
+            "prepared.void_ratio" => self.row.made.map(|m| m[1]),
+            "consolidated.void_ratio" => of(|c| c.void_ratio),
+            "consolidated.coordination" => of(|c| c.coordination),
+            "consolidated.p" => of(|c| c.p),
+            "consolidated.q" => of(|c| c.q),
+            "consolidated.chi_square_xy" => of(|c| chi_square(&c.orientations.xy)),
+            "consolidated.chi_square_xz" => of(|c| chi_square(&c.orientations.xz)),
+            "peak.q_over_p" => self.peak().map(|(_, ratio)| ratio),
+            "peak.strain" => peak().map(|((k, _), curve)| curve.strain[k]),
+            "last.q_over_p" => self.ratios().last().map(|(_, ratio)| ratio),
+            "last.p" => self.last(|c| &c.p),
+            "last.q" => self.last(|c| &c.q),
+            "last.void_ratio" => self.last(|c| &c.void_ratio),
+            "last.eps_v" => self.last(|c| &c.eps_v),
+            _ => None,
+        }
+    }
 }
 
 impl Samples<'_> {
+    /// What the samples came to, with their curves.
+    pub(crate) fn outcomes(&mut self) -> Vec<Outcome> {
+        let why = self.ensemble.lost.clone().unwrap_or_else(|| "stopped by the user".to_owned());
+        let outcome = |w: usize| {
+            let left = || Row::without(w, summary::Status::Interrupted, why.clone());
+            let row = self.rows.remove(&w).unwrap_or_else(left);
+            let curve = row.state_hash.as_ref().and_then(|_| Curve::read(&self.ensemble.dir.sample(w)));
+            Outcome { row, curve }
+        };
+        (0..self.plan.samples.len()).map(outcome).collect()
+    }
+
     /// Writes tables, plots and summary.
     pub(super) fn write(
         mut self,
@@ -140,14 +177,7 @@ impl Samples<'_> {
         hash: &str,
     ) -> Result<Summary, StudyError> {
         let plan = self.plan;
-        let why = self.ensemble.lost.clone().unwrap_or_else(|| "stopped by the user".to_owned());
-        let mut outcomes = Vec::with_capacity(plan.samples.len());
-        for w in 0..plan.samples.len() {
-            let left = || Row::without(w, summary::Status::Interrupted, why.clone());
-            let row = self.rows.remove(&w).unwrap_or_else(left);
-            let curve = row.state_hash.as_ref().and_then(|_| Curve::read(&self.ensemble.dir.sample(w)));
-            outcomes.push(Outcome { row, curve });
-        }
+        let outcomes = self.outcomes();
         self.table(&outcomes)?;
         self.curves(&outcomes)?;
         let of_variant = |v: usize| -> Vec<&Outcome> {
@@ -217,27 +247,9 @@ impl Samples<'_> {
         let mut header = names(&["world", "variant", "seed"]);
         header.extend(study.parameters.iter().map(|p| p.name.clone()));
         header.extend(study.followers.iter().map(|f| f.name.clone()));
-        header.extend(names(&[
-            "particles",
-            "prepared.friction",
-            "prepared.void_ratio",
-            "consolidated.void_ratio",
-            "consolidated.coordination",
-            "consolidated.p",
-            "consolidated.q",
-            "consolidated.chi_square_xy",
-            "consolidated.chi_square_xz",
-            "peak.q_over_p",
-            "peak.strain",
-            "last.q_over_p",
-            "last.p",
-            "last.q",
-            "last.void_ratio",
-            "last.eps_v",
-            "status",
-            "reason",
-            "state_hash",
-        ]));
+        header.push("particles".to_owned());
+        header.extend(SAMPLE_NUMBERS.iter().map(|(name, _)| (*name).to_owned()));
+        header.extend(names(&["status", "reason", "state_hash"]));
         let number = |x: Option<f64>| Cell::Number(x.unwrap_or(f64::NAN));
         let cells = |w: usize, outcome: &Outcome| {
             let (sample, row) = (&plan.samples[w], &outcome.row);
@@ -250,17 +262,7 @@ impl Samples<'_> {
                 Value::Text(_) => Cell::Text(value.shown()),
             }));
             cells.push(Cell::Count(facts.map_or(0, |f| f.particles as u64)));
-            cells.extend([number(row.made.map(|m| m[0])), number(row.made.map(|m| m[1]))]);
-            let of = |read: fn(&Consolidated) -> f64| number(outcome.consolidated().map(read));
-            cells.extend([of(|c| c.void_ratio), of(|c| c.coordination), of(|c| c.p), of(|c| c.q)]);
-            cells.extend([of(|c| chi_square(&c.orientations.xy)), of(|c| chi_square(&c.orientations.xz))]);
-            let peak = outcome.peak();
-            cells.push(number(peak.map(|(_, ratio)| ratio)));
-            let strain = peak.zip(outcome.curve.as_ref()).map(|((k, _), curve)| curve.strain[k]);
-            cells.push(number(strain));
-            cells.push(number(outcome.ratios().last().map(|(_, ratio)| ratio)));
-            let last = |read: fn(&Curve) -> &[f64]| number(outcome.last(read));
-            cells.extend([last(|c| &c.p), last(|c| &c.q), last(|c| &c.void_ratio), last(|c| &c.eps_v)]);
+            cells.extend(SAMPLE_NUMBERS.iter().map(|(name, _)| number(outcome.number(name))));
             cells.push(Cell::Text(word(row.status).to_owned()));
             let text = |text: &Option<String>| Cell::Text(text.clone().unwrap_or_default());
             cells.extend([text(&row.reason), text(&row.state_hash)]);

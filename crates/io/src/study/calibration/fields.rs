@@ -14,7 +14,14 @@ pub(super) static CALIBRATION: TableSpec = TableSpec {
     fields: &[
         Field::new("title", Kind::Text, "Name for output and messages.").or("\"\""),
         Field::new("scene", Kind::Path, "The scene file, relative to the calibration.")
-            .optional("each experiment names its own"),
+            .optional("each experiment names its own, or see `study`"),
+        Field::new(
+            "study",
+            Kind::Path,
+            "A study of periodic samples (`glebe rve`) in place of a scene, relative to the calibration; nothing may vary \
+             in it.",
+        )
+        .optional("see `scene`"),
         Field::new("seed", Kind::Integer, "Seed of the search.").or("1").at_least(0.0),
         Field::new(
             "experiment",
@@ -44,13 +51,15 @@ pub(super) static CALIBRATION: TableSpec = TableSpec {
         .at_least(0.0)
         .at_most(0.5),
     ],
-    rules: &[],
+    rules: &[Rule::AtMostOne(&["scene", "study"])],
 };
 
 static EXPERIMENT: TableSpec = TableSpec {
     doc: "A scene that is run for every set of parameters.",
     fields: &[
         Field::new("scene", Kind::Path, "The scene file, relative to the calibration.")
+            .optional("that of the calibration"),
+        Field::new("study", Kind::Path, "A study of periodic samples in place of a scene.")
             .optional("that of the calibration"),
         Field::new(
             "set",
@@ -59,7 +68,7 @@ static EXPERIMENT: TableSpec = TableSpec {
         )
         .optional("none"),
     ],
-    rules: &[],
+    rules: &[Rule::AtMostOne(&["scene", "study"])],
 };
 
 static FREE: TableSpec = TableSpec {
@@ -78,25 +87,68 @@ static FREE: TableSpec = TableSpec {
 };
 
 static TARGET: TableSpec = TableSpec {
-    doc: "A number that a measure should come to.",
+    doc: "A number that a measure should come to, or a curve that was measured.",
     fields: &[
         Field::new("experiment", Kind::Text, "The name of its experiment.").optional("there is only one"),
-        Field::new("measure", Kind::Text, "Stage and measure of the scene, such as \"till.draught_force\"."),
+        Field::new(
+            "measure",
+            Kind::Text,
+            "Of a scene, stage and measure or survey, such as \"till.draught_force\"; of periodic samples a number of their table, \
+             such as \"peak.q_over_p\".",
+        )
+        .optional("see `file`"),
         Field::new(
             "statistic",
             Kind::Words(&["mean", "std"]),
             "The mean of the measure or its standard deviation.",
         )
         .or("\"mean\""),
-        Field::new("value", Kind::Any, "What it should be [N or N m]."),
+        Field::new("value", Kind::Any, "What it should be, in the unit of the measure.")
+            .optional("needed with `measure`"),
         Field::new(
             "scatter",
             Kind::Any,
-            "How far it may be off: the standard deviation of what was measured [N or N m]. Costs are in scatters.",
-        ),
-        Field::new("weight", NUMBER, "How much it counts beside the other targets.").or("1.0").above(0.0),
+            "How far it may be off: the standard deviation of what was measured. Costs are in scatters.",
+        )
+        .optional("needed, but for a curve with `scatter_column`"),
+        Field::new(
+            "file",
+            Kind::Path,
+            "A curve that was measured, relative to the calibration: CSV with headings, each with its unit if that is not \
+             the SI unit, such as `force [kN]`. Simulated curves are interpolated at its abscissae.",
+        )
+        .optional("see `measure`"),
+        Field::new(
+            "x",
+            Kind::Text,
+            "The abscissa: a column of the series of the scene, such as \"time\" (since the stage began) or \"sweep.path\"; \
+             of periodic samples a column of their curves, such as \"strain\".",
+        )
+        .optional("needed with `file`"),
+        Field::new("y", Kind::Text, "The ordinate, such as \"sweep.draught\"; of periodic samples \"q\" or \"eps_v\".")
+            .optional("needed with `file`"),
+        Field::new("x_column", Kind::Text, "The heading of the abscissa in the file, without its unit.")
+            .optional("that of `x`"),
+        Field::new("y_column", Kind::Text, "The heading of the ordinate in the file, without its unit.")
+            .optional("that of `y`"),
+        Field::new("scatter_column", Kind::Text, "The heading of the scatter in the file, without its unit.")
+            .optional("see `scatter`"),
+        Field::new("stage", Kind::Text, "The stage of the scene that the curve is of.")
+            .optional("the scene has only one"),
+        Field::new(
+            "weight",
+            NUMBER,
+            "How much it counts beside the other targets; the points of a curve count together as one number does.",
+        )
+        .or("1.0")
+        .above(0.0),
     ],
-    rules: &[],
+    rules: &[
+        Rule::ExactlyOne(&["measure", "file"]),
+        Rule::Excludes("file", &["statistic", "value"]),
+        Rule::Excludes("measure", &["x", "y", "x_column", "y_column", "scatter_column", "stage"]),
+        Rule::Excludes("scatter", &["scatter_column"]),
+    ],
 };
 
 static METHOD: TableSpec = TableSpec {
