@@ -5,6 +5,8 @@
 
 use std::sync::Arc;
 
+use crate::exchange::{Inlet, Outlet};
+use crate::field::FieldSpec;
 use crate::poses::PoseTable;
 use glebe_physics::{ContactModel, IntegratorKind, Material, Mixing, PairOverride, ShearModulusRule};
 
@@ -44,12 +46,18 @@ pub struct WorldSpec {
     pub guards: Guards,
     /// The particles at the start.
     pub particles: ParticleSet,
+    /// Where particles come in.
+    pub inlets: Vec<Inlet>,
+    /// Where they are taken away.
+    pub outlets: Vec<Outlet>,
     /// Walls, planes and meshes, besides the domain's own sides.
     pub surfaces: Vec<Surface>,
     /// What happens, in order. At least one.
     pub stages: Vec<Stage>,
     /// How often the world is observed.
     pub sampling: Sampling,
+    /// Fields that are measured.
+    pub fields: Vec<FieldSpec>,
 }
 
 impl WorldSpec {
@@ -69,9 +77,12 @@ impl WorldSpec {
             time,
             guards: Guards::default(),
             particles: ParticleSet::default(),
+            inlets: Vec::new(),
+            outlets: Vec::new(),
             surfaces: Vec::new(),
             stages: Vec::new(),
             sampling: Sampling::default(),
+            fields: Vec::new(),
         }
     }
 }

@@ -14,6 +14,8 @@ mod conservation;
 mod convergence;
 mod deforming;
 mod energy;
+mod exchange;
+mod fields;
 mod floor;
 mod frames;
 mod friction;
@@ -84,6 +86,10 @@ macro_rules! backend_suite {
                 bits::a_checkpoint_goes_on,
                 bits::leavers_are_listed,
                 guards::a_world_that_goes_wrong_stops_alone,
+                exchange::what_comes_in_is_inside_or_went_out,
+                exchange::what_leaves_comes_back,
+                fields::a_sample_on_a_grid_is_the_sample,
+                fields::a_column_carries_its_weight,
             }
             // Many laws, many steps, or kernels of their own, which take long to compile.
             tests! { $subject, $slow;

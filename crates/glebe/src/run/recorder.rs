@@ -9,8 +9,10 @@ use glebe_engine::lattice::{cross, dot, norm, sub};
 use glebe_engine::spec::{Shape, TriMesh, Vec3};
 use glebe_engine::state::StageResult;
 use glebe_io::output::series::SeriesWriter;
-use glebe_io::output::vtp::{Column, PolyData, Values};
+use glebe_io::output::vtp::{Cells, Column, PolyData, Values};
 use glebe_io::output::{FrameWriter, OutputDir, OutputError};
+
+use super::fields::Fields;
 
 /// Name of the particles among a frame's parts.
 const PARTICLES: &str = "particles";
@@ -19,6 +21,7 @@ const PARTICLES: &str = "particles";
 pub(super) struct Recorder {
     series: SeriesWriter,
     frames: FrameWriter,
+    fields: Fields,
     /// Surface of each part of a frame, and its mesh; the particles come first.
     meshes: Vec<(usize, Arc<TriMesh>)>,
     /// The last row.
@@ -28,14 +31,17 @@ pub(super) struct Recorder {
 }
 
 impl Recorder {
-    /// Begins, or continues after this many rows and frames.
+    /// Begins, or continues after this many rows and frames, and what a checkpoint holds of fields.
     pub(super) fn new(
         dir: &OutputDir,
         constants: &Constants,
-        after: Option<(u64, u64)>,
+        after: Option<(u64, u64, &[u8])>,
     ) -> Result<Self, OutputError> {
         let surfaces = &constants.spec.surfaces;
-        let columns = columns(surfaces.iter().map(|s| s.name.as_str()), constants.is_sample());
+        let spec = &constants.spec;
+        let doors =
+            spec.inlets.iter().map(|i| i.name.as_str()).chain(spec.outlets.iter().map(|o| o.name.as_str()));
+        let columns = columns(surfaces.iter().map(|s| s.name.as_str()), doors, constants.is_sample());
         let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
         let shown = |shape: &Shape| match shape {
             Shape::Plane { .. } => None,
@@ -50,19 +56,27 @@ impl Recorder {
         let mut parts = vec![PARTICLES];
         parts.extend(meshes.iter().map(|(s, _)| surfaces[*s].name.as_str()));
         let (series, frames) = match after {
-            None => (SeriesWriter::create(&dir.series(), &columns)?, FrameWriter::create(dir, &parts)?),
-            Some((rows, frames)) => (
+            None => {
+                (SeriesWriter::create(&dir.series(), &columns)?, FrameWriter::create(dir.frames(), &parts)?)
+            }
+            Some((rows, frames, _)) => (
                 SeriesWriter::resume(&dir.series(), &columns, rows)?,
-                FrameWriter::resume(dir, &parts, frames)?,
+                FrameWriter::resume(dir.frames(), &parts, frames)?,
             ),
         };
-        Ok(Self { series, frames, meshes, last: None, time: Duration::ZERO })
+        let fields = Fields::new(dir, constants, after.map(|(_, _, fields)| fields))?;
+        Ok(Self { series, frames, fields, meshes, last: None, time: Duration::ZERO })
     }
 
     /// Rows and frames so far, made durable.
     pub(super) fn counts(&self) -> Result<(u64, u64), OutputError> {
         self.series.sync()?;
         Ok((self.series.rows(), self.frames.count()))
+    }
+
+    /// What fields have seen, for a checkpoint.
+    pub(super) fn seen(&self) -> Vec<u8> {
+        self.fields.to_bytes()
     }
 }
 
@@ -95,13 +109,24 @@ impl Observer for Recorder {
         shown.extend(meshes.iter().map(|(part, mesh, vertices, pressure)| {
             let data = PolyData {
                 points: Values::Vec3F64(vertices),
-                triangles: Some(&mesh.triangles),
+                cells: Cells::Triangles(&mesh.triangles),
                 point_data: Vec::new(),
                 cell_data: vec![Column::new("pressure", Values::F32(pressure))],
             };
             (*part, data)
         }));
         self.frames.write(frame.time, &shown)?;
+        self.time += start.elapsed();
+        Ok(())
+    }
+
+    fn wants_look(&self, _: usize, sample: &Sample) -> bool {
+        self.fields.look_at(sample)
+    }
+
+    fn look(&mut self, _: usize, frame: &Frame<'_>) -> Result<(), OutputError> {
+        let start = Instant::now();
+        self.fields.look(frame)?;
         self.time += start.elapsed();
         Ok(())
     }
@@ -139,7 +164,7 @@ impl ParticleColumns {
     fn poly_data<'a>(&'a self, positions: &'a [Vec3]) -> PolyData<'a> {
         PolyData {
             points: Values::Vec3F64(positions),
-            triangles: None,
+            cells: Cells::Points,
             point_data: vec![
                 Column::new("id", Values::U32(&self.id)),
                 Column::new("radius", Values::F32(&self.radius)),
@@ -167,11 +192,16 @@ fn pressures(mesh: &TriMesh, vertices: &[Vec3], forces: &[Vec3]) -> Vec<f32> {
 }
 
 /// Components of a tensor that columns show, and their names; shear as the mean of both.
-const SYMMETRIC: [([usize; 2], &str); 6] =
+pub(super) const SYMMETRIC: [([usize; 2], &str); 6] =
     [([0, 0], "xx"), ([1, 1], "yy"), ([2, 2], "zz"), ([1, 2], "yz"), ([0, 2], "xz"), ([0, 1], "xy")];
 
 /// The names of the series' columns, in the order of [`row`]; those of stress and strain where the world is a `sample`.
-fn columns<'a>(surfaces: impl Iterator<Item = &'a str>, sample: bool) -> Vec<String> {
+fn columns<'a>(
+    surfaces: impl Iterator<Item = &'a str>,
+    doors: impl Iterator<Item = &'a str>,
+    sample: bool,
+) -> Vec<String> {
+    let doors: Vec<&str> = doors.collect();
     let mut names: Vec<String> = [
         "time",
         "step",
@@ -202,6 +232,12 @@ fn columns<'a>(surfaces: impl Iterator<Item = &'a str>, sample: bool) -> Vec<Str
     for surface in surfaces {
         let parts = "fx fy fz tx ty tz draught path present x y z qw qx qy qz";
         names.extend(parts.split(' ').map(|part| format!("{surface}.{part}")));
+    }
+    if !doors.is_empty() {
+        names.push("entered".to_owned());
+    }
+    for door in doors {
+        names.extend(["particles", "mass", "rate"].map(|part| format!("{door}.{part}")));
     }
     if sample {
         let scalars = "p q volumetric_strain deviatoric_strain void_ratio mechanical_coordination rattlers";
@@ -244,6 +280,12 @@ fn row(s: &Sample) -> Vec<f64> {
         row.extend(t.force.iter().chain(&t.torque));
         row.extend([t.draught, t.path, f64::from(u8::from(t.present))]);
         row.extend(t.pose.translation.iter().chain(&t.pose.rotation));
+    }
+    if !s.flows.is_empty() {
+        row.push(l.entered);
+    }
+    for flow in &s.flows {
+        row.extend([flow.particles as f64, flow.mass, flow.rate]);
     }
     if let Some(i) = &s.interior {
         row.extend([i.p(), i.q(), i.volumetric_strain(), i.deviatoric_strain(), i.void_ratio]);
