@@ -63,8 +63,21 @@ pub struct Sample {
     pub bonds: Bonds,
     /// Each surface of the specification.
     pub surfaces: Vec<SurfaceSample>,
+    /// Each inlet of the specification, then each outlet.
+    pub flows: Vec<FlowSample>,
     /// Stress, strain and fabric of a sample ([`Constants::is_sample`]).
     pub interior: Option<Interior>,
+}
+
+/// An inlet or outlet in a sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct FlowSample {
+    /// Particles that went through it since the start.
+    pub particles: u64,
+    /// Their mass \[kg\].
+    pub mass: f64,
+    /// Mass per time since the last sample \[kg/s\].
+    pub rate: f64,
 }
 
 /// A surface in a sample.
@@ -114,6 +127,14 @@ pub trait Observer {
     fn frame(&mut self, _world: usize, _frame: &Frame<'_>) -> Result<(), Self::Error> {
         Ok(())
     }
+    /// Whether the world shall be [shown](Self::look) with a sample that was just reported.
+    fn wants_look(&self, _world: usize, _sample: &Sample) -> bool {
+        false
+    }
+    /// A world that was asked for.
+    fn look(&mut self, _world: usize, _frame: &Frame<'_>) -> Result<(), Self::Error> {
+        Ok(())
+    }
     /// A stage ended.
     fn stage_ended(
         &mut self,
@@ -147,7 +168,7 @@ struct World {
     constants: Arc<Constants>,
     progress: Progress,
     status: Status,
-    /// Steps between samples, and samples between frames.
+    /// Steps between samples, and between frames.
     every: u64,
     frames: Option<u64>,
     particles: usize,
@@ -169,10 +190,8 @@ impl Batch {
         let worlds = worlds
             .into_iter()
             .map(|(constants, state)| {
-                let sampling = constants.spec.sampling;
-                let every = (sampling.series / constants.dt).round().max(1.0) as u64;
-                let interval = every as f64 * constants.dt;
-                let frames = sampling.frames.map(|f| (f / interval).round().max(1.0) as u64);
+                let every = constants.sample_steps();
+                let frames = constants.spec.sampling.frames.map(|f| constants.whole_rows(f));
                 let mut world = World {
                     particles: state.particles.len(),
                     progress: state.progress,
@@ -326,24 +345,35 @@ impl Batch {
         let world = &mut self.worlds[w];
         world.particles = world.constants.count_now(&world.progress);
         let sample = world.sample(moment);
-        let frame = world.frames.is_some_and(|f| world.progress.step.is_multiple_of(world.every * f));
-        observer.sample(w, &sample)?;
-        if frame {
-            self.frame(w, observer)?;
-        }
-        let world = &mut self.worlds[w];
-        if world.status != Status::Running {
+        let frame = world.frames.is_some_and(|f| world.progress.step.is_multiple_of(f));
+        self.report(w, &sample, frame, observer)?;
+        if self.worlds[w].status != Status::Running {
             return Ok(());
         }
+        self.exchange(w);
+        if self.fails(w) {
+            return Ok(());
+        }
+        let world = &mut self.worlds[w];
         if let Some(ended_by) = world.stage_end(moment) {
             self.end_stage(w, ended_by, observer)?;
         }
         Ok(())
     }
 
-    fn frame<O: Observer>(&mut self, w: usize, observer: &mut O) -> Result<(), O::Error> {
-        if !observer.wants_frames() {
-            self.worlds[w].progress.frames += 1;
+    /// Reports a sample, and shows the world if a `frame` is due or it is asked for.
+    fn report<O: Observer>(
+        &mut self,
+        w: usize,
+        sample: &Sample,
+        frame: bool,
+        observer: &mut O,
+    ) -> Result<(), O::Error> {
+        observer.sample(w, sample)?;
+        let look = observer.wants_look(w, sample);
+        let shown = frame && observer.wants_frames();
+        if !look && !shown {
+            self.worlds[w].progress.frames += u64::from(frame);
             return Ok(());
         }
         let state = self.state(w);
@@ -352,18 +382,19 @@ impl Batch {
             return Ok(());
         }
         let world = &mut self.worlds[w];
-        world.progress.frames += 1;
+        world.progress.frames += u64::from(frame);
         let positions = positions(&world.constants, &state);
-        observer.frame(
-            w,
-            &Frame {
-                constants: &world.constants,
-                state: &state,
-                detail: &detail,
-                positions: &positions,
-                time: world.time(),
-            },
-        )
+        let seen = Frame {
+            constants: &world.constants,
+            state: &state,
+            detail: &detail,
+            positions: &positions,
+            time: world.time(),
+        };
+        if look {
+            observer.look(w, &seen)?;
+        }
+        if shown { observer.frame(w, &seen) } else { Ok(()) }
     }
 
     /// Does the actions of the present stage. The first sample and frame of a world are taken here.
@@ -378,10 +409,8 @@ impl Batch {
             world.progress.ledger.initial =
                 moment.kinetic() + moment.potential + moment.elastic_normal + moment.elastic_tangential;
             let sample = world.sample(&moment);
-            observer.sample(w, &sample)?;
-            if world.frames.is_some() {
-                self.frame(w, observer)?;
-            }
+            let frame = world.frames.is_some();
+            self.report(w, &sample, frame, observer)?;
         }
         let actions = c.spec.stages[self.worlds[w].progress.stage].actions.clone();
         let trimmed = if actions.is_empty() { 0 } else { self.act(w, &actions) };
@@ -425,17 +454,44 @@ impl Batch {
                 Action::Bond => state.bond(&c),
             }
         }
+        self.take_over(w, state, &before, 0.0);
+        removed
+    }
+
+    /// Lets inlets and outlets act that are due.
+    fn exchange(&mut self, w: usize) {
+        let c = self.worlds[w].constants.clone();
+        let g = &mut self.worlds[w].progress;
+        if c.spec.inlets.is_empty() && c.spec.outlets.is_empty() {
+            return;
+        }
+        c.accrue(g);
+        if !c.exchanges(g) {
+            return;
+        }
+        let mut state = self.state(w);
+        let (entered, changed) = c.exchange(&mut state);
+        if changed {
+            let before = self.moment(w);
+            self.take_over(w, state, &before, entered);
+        }
+    }
+
+    /// Loads a world's state that was changed from the moment `before`, with particles of the energy `entered` \[J\]
+    /// added, and accounts for what was taken out.
+    fn take_over(&mut self, w: usize, mut state: State, before: &Moment, entered: f64) {
         state.progress.stale = true;
         // Accelerations of the configuration before are not those of this one.
         state.progress.primed = false;
         self.fleet.load(w, &mut state);
         let after = self.fleet.moment(w, &state.progress);
         let energy = |m: &Moment| m.kinetic() + m.potential + m.elastic_normal + m.elastic_tangential;
-        state.progress.ledger.removed += energy(&before) - energy(&after);
-        state.progress.ledger.elastic_tangential += after.elastic_tangential - before.elastic_tangential;
+        let ledger = &mut state.progress.ledger;
+        ledger.entered += entered;
+        ledger.removed += energy(before) + entered - energy(&after);
+        ledger.elastic_tangential += after.elastic_tangential - before.elastic_tangential;
         self.worlds[w].particles = state.particles.len();
         self.worlds[w].progress = state.progress;
-        removed
     }
 
     /// What the particles of a world come to now that its stage ends.
@@ -596,6 +652,15 @@ impl World {
                 }
             })
             .collect();
+        let time = n * c.dt;
+        let doors = g.inlets.iter_mut().map(|inlet| &mut inlet.flow).chain(&mut g.outlets);
+        let flows = doors
+            .map(|flow| FlowSample {
+                particles: flow.particles,
+                mass: flow.mass,
+                rate: std::mem::take(&mut flow.recent) / time,
+            })
+            .collect();
         for sum in &mut g.impulse {
             *sum = [0.0; 6];
         }
@@ -614,16 +679,9 @@ impl World {
             particles: self.particles,
             bonds: g.bonds,
             surfaces,
+            flows,
             interior: m.tensors.map(|t| Interior::new(&t, &cell, &strain)),
         }
-    }
-}
-
-impl Constants {
-    /// Particles left in a world.
-    fn count_now(&self, g: &Progress) -> usize {
-        let trimmed: u64 = g.results.iter().map(|r| r.trimmed).sum::<u64>() + g.trimmed;
-        self.count - trimmed as usize - g.lost.len()
     }
 }
 

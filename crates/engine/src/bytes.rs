@@ -130,10 +130,12 @@ impl State {
     fn check(&self, c: &Constants) -> Result<(), String> {
         let need = |fits: bool, what: &str| if fits { Ok(()) } else { Err(what.to_owned()) };
         let (p, g) = (&self.particles, &self.progress);
-        let mut there = vec![false; c.count];
-        for id in &p.id {
-            let place = there.get_mut(*id as usize).filter(|place| !**place);
-            *place.ok_or_else(|| format!("particle {id} is not of it, or there twice"))? = true;
+        let mut there = p.id.clone();
+        there.sort_unstable();
+        let twice = there.windows(2).find(|pair| pair[0] == pair[1]).map(|pair| pair[0]);
+        let foreign = there.last().copied().filter(|id| u64::from(*id) >= c.numbers(g));
+        if let Some(id) = twice.or(foreign) {
+            return Err(format!("particle {id} is not of it, or there twice"));
         }
         // Radii are rounded to f32.
         let most = c.radius_max as f32 * (1.0 + f32::EPSILON);
@@ -141,7 +143,7 @@ impl State {
         need(p.velocity.iter().all(|x| x.inv_mass > 0.0 && x.inv_mass.is_finite()), "a mass")?;
         need(p.velocity.iter().all(|x| x.v.iter().all(|v| v.is_finite())), "a velocity")?;
         need(p.spin.iter().all(|x| (x.material as usize) < c.spec.materials.len()), "a material")?;
-        let has = |id: u32| there.get(id as usize) == Some(&true);
+        let has = |id: u32| there.binary_search(&id).is_ok();
         let remembered = |history: &[f32]| history.len() == c.history.len();
         let pairs =
             |m: &ContactMemory| m.id[0] < m.id[1] && m.id.iter().all(|id| has(*id)) && remembered(&m.history);
@@ -156,7 +158,10 @@ impl State {
         let measures = c.spec.stages.get(g.stage).map_or(g.measures.len(), |s| s.measures.len());
         need(g.measures.len() == measures, "its measures")?;
         need([g.surfaces.len(), g.path.len(), g.impulse.len()] == [surfaces; 3], "its surfaces")?;
-        let since = g.surfaces.iter().map(|s| s.since).chain([g.stage_since, g.rebuilt]).max();
+        let doors = [c.spec.inlets.len(), c.spec.outlets.len()];
+        need([g.inlets.len(), g.outlets.len()] == doors, "its inlets and outlets")?;
+        let since = g.surfaces.iter().map(|s| s.since).chain([g.stage_since, g.rebuilt]);
+        let since = since.chain(g.inlets.iter().map(|inlet| inlet.since)).max();
         need(since <= Some(g.step), "its steps")?;
         let volume = g.cell.map_or(1.0, |cell| determinant(&cell.matrix));
         let cell = g.cell.is_some() == c.deforms() && volume > 0.0 && volume.is_finite();

@@ -5,6 +5,8 @@
 pub mod backend;
 pub mod batch;
 pub mod cell;
+pub mod exchange;
+pub mod field;
 pub mod frustum;
 pub mod generate;
 pub mod lattice;

@@ -7,6 +7,7 @@ use glebe_physics::{Impact, Laws, Layout, PairCoefficients, PairLaws, PairOverri
 
 use crate::bonds;
 use crate::cell::{self, Cell};
+use crate::exchange::{self, Flow, InletState};
 use crate::failure::SetupError;
 use crate::lattice::{Lattice, Vec3x3, add, cross, dot, mul, norm, scale, sub};
 use crate::spec::{
@@ -67,6 +68,39 @@ pub enum BoundaryShape {
     Mesh(Arc<TriMesh>, Bvh),
     /// A cylinder or a cone.
     Frustum(Frustum),
+}
+
+impl Boundary {
+    /// Whether a sphere, or an image of it, comes within `reach` \[m\] of the mesh or shell in `pose`, around which
+    /// `span` is; never of a plane. `near` is memory to work with.
+    pub(crate) fn touched(
+        &self,
+        c: &Constants,
+        pose: &Pose,
+        span: &Span,
+        at: Vec3,
+        reach: f64,
+        near: &mut Vec<u32>,
+    ) -> bool {
+        let mut touches = |shift: [i32; 3]| {
+            let x = pose.inverse(c.shifted(at, shift));
+            match &self.shape {
+                BoundaryShape::Plane(_) => false,
+                BoundaryShape::Mesh(mesh, bvh) => {
+                    near.clear();
+                    bvh.near(x, reach, near);
+                    near.iter().any(|&t| {
+                        let corners = mesh.triangles[t as usize];
+                        let vertices = corners.map(|v| sub(mesh.vertices[v as usize], x));
+                        touch(vertices, t, shift, reach).is_some()
+                    })
+                }
+                BoundaryShape::Frustum(frustum) => (0..frustum.parts())
+                    .any(|part| frustum.touch(frustum.axis, x, part, shift, reach).is_some()),
+            }
+        };
+        span.images(c, at, reach).any(&mut touches)
+    }
 }
 
 impl BoundaryShape {
@@ -160,6 +194,15 @@ impl Constants {
     pub fn shifted(&self, x: Vec3, shift: [i32; 3]) -> Vec3 {
         if shift == [0; 3] { x } else { add(x, mul(&self.spec.domain.cell, shift.map(f64::from))) }
     }
+    /// Steps between two rows of the series.
+    pub fn sample_steps(&self) -> u64 {
+        (self.spec.sampling.series / self.dt).round().max(1.0) as u64
+    }
+    /// Steps in an interval of time \[s\] that ends at rows of the series, at least one row.
+    pub fn whole_rows(&self, interval: f64) -> u64 {
+        let rows = self.sample_steps();
+        rows * (interval / (rows as f64 * self.dt)).round().max(1.0) as u64
+    }
     /// Whether the cell deforms in any stage.
     pub fn deforms(&self) -> bool {
         self.spec.stages.iter().any(|stage| stage.deformation.is_some())
@@ -207,18 +250,21 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
     check_materials(&spec)?;
     check_particles(&spec)?;
     check_references(&spec)?;
+    exchange::check(&spec)?;
     let set = std::mem::take(&mut spec.particles);
     let count = set.len();
+    let kinds = with_grains_to_come(&spec, &set);
     let (mut radius_min, mut radius_max, mut radius_sum) = (f64::INFINITY, 0.0_f64, 0.0);
-    for &r in &set.radius {
+    for &r in &kinds.radius {
         radius_min = radius_min.min(r);
         radius_max = radius_max.max(r);
         radius_sum += r;
     }
-    let cubes = || set.radius.iter().zip(&set.material).map(|(r, m)| (r.powi(3), spec.materials[*m].density));
+    let cubes =
+        || kinds.radius.iter().zip(&kinds.material).map(|(r, m)| (r.powi(3), spec.materials[*m].density));
     let density_mean = cubes().map(|(v, d)| v * d).sum::<f64>() / cubes().map(|(v, _)| v).sum::<f64>();
-    let radius_mean = if count > 0 { radius_sum / count as f64 } else { 1e-3 };
-    let [radius_min, radius_max] = if count > 0 { [radius_min, radius_max] } else { [1e-3; 2] };
+    let radius_mean = if kinds.is_empty() { 1e-3 } else { radius_sum / kinds.len() as f64 };
+    let [radius_min, radius_max] = if kinds.is_empty() { [1e-3; 2] } else { [radius_min, radius_max] };
     let materials = spec.materials.len();
     let mut pairs = Vec::with_capacity(materials * materials);
     for a in 0..materials {
@@ -241,7 +287,7 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
     let lattice = Lattice::new(&spec.domain, cutoff, window)
         .map_err(|(axis, height)| SetupError::PeriodicTooShort { axis: AXES[axis], height, cutoff })?;
     let boundaries = boundaries(&spec)?;
-    let limits = step_limits(&spec, &set, &pairs);
+    let limits = step_limits(&spec, &kinds, &pairs);
     let mut warnings = Vec::new();
     let dt = time_step(&spec, limits, &mut warnings)?;
     let mut constants = Constants {
@@ -281,6 +327,8 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         path: vec![0.0; spec.surfaces.len()],
         impulse: vec![[0.0; 6]; spec.surfaces.len()],
         measures: vec![MeasureState::default(); spec.stages.first().map_or(0, |s| s.measures.len())],
+        inlets: vec![InletState::default(); spec.inlets.len()],
+        outlets: vec![Flow::default(); spec.outlets.len()],
         stale: true,
         skin: SKIN_START * radius_mean,
         cell: constants.deforms().then(|| {
@@ -291,6 +339,19 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         ..Progress::default()
     };
     Ok((Arc::new(constants), State { particles, progress, ..State::default() }))
+}
+
+/// The particles at the start, and of each inlet the smallest and the largest that it may bring.
+fn with_grains_to_come(spec: &WorldSpec, set: &ParticleSet) -> ParticleSet {
+    let mut all = set.clone();
+    for inlet in &spec.inlets {
+        let Some(grains) = inlet.supply.grains() else { continue };
+        let (least, largest) = grains.sizes.limits();
+        for radius in [least, largest] {
+            all.push_moving([0.0; 3], radius, grains.material, inlet.velocity, [0.0; 3]);
+        }
+    }
+    all
 }
 
 /// The particles at the start, encoded.
@@ -567,24 +628,7 @@ fn check_start(c: &Constants, set: &ParticleSet) -> Result<Vec<String>, SetupErr
         let mut inside = 0;
         for (id, (&at, &r)) in set.position.iter().zip(&set.radius).enumerate() {
             let reach = (1.0 - guards.overlap_limit).max(0.0) * r;
-            let touches = |shift: [i32; 3]| {
-                let x = b.pose.inverse(c.shifted(at, shift));
-                match &b.shape {
-                    BoundaryShape::Plane(_) => false,
-                    BoundaryShape::Mesh(mesh, bvh) => {
-                        near.clear();
-                        bvh.near(x, reach, &mut near);
-                        near.iter().any(|&t| {
-                            let corners = mesh.triangles[t as usize];
-                            let vertices = corners.map(|v| sub(mesh.vertices[v as usize], x));
-                            touch(vertices, t, shift, reach).is_some()
-                        })
-                    }
-                    BoundaryShape::Frustum(frustum) => (0..frustum.parts())
-                        .any(|part| frustum.touch(frustum.axis, x, part, shift, reach).is_some()),
-                }
-            };
-            if !span.images(c, at, reach).any(touches) {
+            if !b.touched(c, &b.pose, &span, at, reach, &mut near) {
                 continue;
             }
             if guards.overlap_stops {

@@ -5,6 +5,8 @@
 
 use std::sync::Arc;
 
+use crate::exchange::{Inlet, Outlet};
+use crate::field::FieldSpec;
 use crate::poses::PoseTable;
 use glebe_physics::{ContactModel, IntegratorKind, Material, Mixing, PairOverride, ShearModulusRule};
 
@@ -44,6 +46,10 @@ pub struct WorldSpec {
     pub guards: Guards,
     /// The particles at the start.
     pub particles: ParticleSet,
+    /// Where particles come in.
+    pub inlets: Vec<Inlet>,
+    /// Where they are taken away.
+    pub outlets: Vec<Outlet>,
     /// Walls, planes and meshes, besides the domain's own sides.
     pub surfaces: Vec<Surface>,
     /// What happens, in order. At least one.
@@ -53,6 +59,8 @@ pub struct WorldSpec {
     /// Whether the world is one of many that run together: a GPU then takes kernels that are slower for a world alone and
     /// faster for many. They round otherwise, so this belongs to the world, which has the same bits wherever it runs.
     pub throughput: bool,
+    /// Fields that are measured.
+    pub fields: Vec<FieldSpec>,
 }
 
 impl WorldSpec {
@@ -72,10 +80,13 @@ impl WorldSpec {
             time,
             guards: Guards::default(),
             particles: ParticleSet::default(),
+            inlets: Vec::new(),
+            outlets: Vec::new(),
             surfaces: Vec::new(),
             stages: Vec::new(),
             sampling: Sampling::default(),
             throughput: false,
+            fields: Vec::new(),
         }
     }
 }

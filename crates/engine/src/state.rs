@@ -7,6 +7,7 @@ use sha2::{Digest, Sha256};
 
 use crate::bytes::BytesError;
 use crate::cell::Cell;
+use crate::exchange::{Flow, InletState};
 use crate::lattice::norm;
 use crate::setup::Constants;
 use crate::spec::{Component, Pose, Vec3, Window};
@@ -45,7 +46,7 @@ pub struct Spin {
 /// Particles as columns of equal length, in the order of the last rebuild.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Particles {
-    /// Persistent number: the particle's index in the world's specification.
+    /// Persistent number: the particle's index in the world's specification; those that come later go on from there.
     pub id: Vec<u32>,
     /// Place and radius.
     pub place: Vec<Place>,
@@ -196,8 +197,17 @@ pub struct Ledger {
     pub work: f64,
     /// Energy taken out with particles that were removed or lost, and with the springs of their contacts.
     pub removed: f64,
+    /// Energy that came in with particles through inlets.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub entered: f64,
     /// Energy at the start.
     pub initial: f64,
+}
+
+/// Whether an account was never used: it is then left out of states.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks so")]
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
 }
 
 impl Ledger {
@@ -211,7 +221,7 @@ impl Ledger {
     }
     /// What the accounts leave open \[J\]: the error of the integrator.
     pub fn integrator(&self) -> f64 {
-        self.initial + self.work
+        self.initial + self.work + self.entered
             - self.mechanical()
             - self.dissipated()
             - self.stiffness_change
@@ -327,6 +337,12 @@ pub struct Progress {
     /// Bonds.
     #[serde(default, skip_serializing_if = "Bonds::none")]
     pub bonds: Bonds,
+    /// Inlets, in the order of the specification.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub inlets: Vec<InletState>,
+    /// What outlets took, in the order of the specification.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub outlets: Vec<Flow>,
     /// The cell, where it deforms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell: Option<Cell>,

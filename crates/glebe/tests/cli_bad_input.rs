@@ -71,6 +71,13 @@ fn later_checkpoint() -> Vec<u8> {
     let content = [b"glebe\r\n\x1a\x63\0\0\0", &[0; 100][..]].concat();
     [&content[..], &Sha256::digest(&content)].concat()
 }
+/// Of a field, its grid left out.
+const FIELD: &str = "[[output.field]]\nname = \"heap\"\nevery = \"10 ms\"\n";
+/// Of an inlet, what comes left out.
+const INLET: &str =
+    "[inlet.feed]\nregion = { box = { min = [-0.05, -0.04, 0.3], max = [0.05, 0.04, 0.33] } }\n";
+/// Of what comes.
+const GRAINS: &str = "material = \"soil\"\nradius = \"5 mm\"\n";
 
 fn cases() -> Vec<Case> {
     let vtu = |points: &str, radius: &str| {
@@ -173,6 +180,36 @@ fn cases() -> Vec<Case> {
         ),
         Case::shape("a mixer with rows above its shaft", "mixer = { rows = 4, row_spacing = \"10 cm\" }"),
         Case::shape("two shapes of one tool", "blade = {}\nwheel = {}"),
+        Case::text(
+            "a field coarser than its kernel",
+            format!("{SCENE}{FIELD}spacing = \"1 cm\"\nwidth = 0.001\n"),
+        ),
+        Case::text("a field of too many cells", format!("{SCENE}{FIELD}spacing = 1e-5\nwidth = 0.01\n")),
+        Case::text(
+            "fields that share a file, and a window that is too long",
+            format!(
+                "{SCENE}{FIELD}spacing = 0.01\nwidth = 0.01\n{FIELD}spacing = 0.01\nwidth = 0.01\nwindow = 0.1\n"
+            ),
+        ),
+        Case::text("an inlet without a rate", format!("{SCENE}{INLET}")),
+        Case::text(
+            "an inlet of what nobody takes",
+            format!("{SCENE}{INLET}from = \"drian\"\n[outlet.drain]\n"),
+        ),
+        Case::text(
+            "an inlet in a stage that is not there",
+            format!("{SCENE}{INLET}{GRAINS}rate = 100\nstages = [\"psh\"]\n"),
+        ),
+        Case::text(
+            "an inlet for too large grains",
+            format!("{SCENE}{INLET}material = \"soil\"\nradius = 0.02\nmass_rate = \"1 kg/s\"\n"),
+        ),
+        Case::text(
+            "an outlet inside out",
+            format!(
+                "{SCENE}[outlet.drain]\nregion = {{ box = {{ min = [0, 0, 0], max = [0.1, 0, 0.1] }} }}\n"
+            ),
+        ),
         Case::set("a tool that moves too far in a step", "stage.push.move.block.velocity=[200,0,0]"),
         Case::moved("a motion whose times go back", "time,x,y,z\n0,0,0,0\n0.2,0.1,0,0\n0.1,0.2,0,0\n"),
         Case::moved("a motion of one row", "time,x,y,z\n0,0,0,0\n"),

@@ -5,6 +5,7 @@
 mod cli_common;
 
 use std::fs;
+use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -23,6 +24,32 @@ fn wait_for_rows(place: &Place, out: &str, rows: usize) {
         sleep(Duration::from_millis(5));
     }
 }
+
+/// A field whose windows are longer than the time between two checkpoints.
+const FIELD: &str = r#"
+[[output.field]]
+name = "heap"
+spacing = "8 mm"
+width = "8 mm"
+every = "16 ms"
+window = "10 ms"
+profile = "z"
+"#;
+
+/// Grains that rain on the bed while the block is pushed through it, and a hole at its end.
+const DOORS: &str = r#"
+[inlet.rain]
+region = { box = { min = [-0.09, -0.04, 0.3], max = [0.09, 0.04, 0.39] } }
+material = "soil"
+radius = { sieve = { opening = ["10 mm", "16 mm"], passing = [0, 1] } }
+mass_rate = "2 kg/s"
+velocity = [0, 0, -2]
+stages = ["push"]
+
+[outlet.hole]
+region = { box = { min = [0.04, -0.05, 0], max = [0.1, 0.05, 0.03] } }
+stages = ["push"]
+"#;
 
 #[test]
 fn a_run_that_is_interrupted_and_resumed_ends_with_the_same_bits() {
@@ -66,7 +93,7 @@ fn a_run_that_is_interrupted_and_resumed_ends_with_the_same_bits() {
 #[test]
 fn a_run_that_is_killed_goes_on_from_its_last_checkpoint() {
     let place = Place::new();
-    place.write("scene.toml", SCENE);
+    place.write("scene.toml", format!("{SCENE}{FIELD}{DOORS}"));
     let sets = ["--set", "stage.push.duration=0.1", "--set", "stage.settle.until.at_most=0.1"];
     let run = |out: &'static str| [&["run", "scene.toml", "--out", out, "--no-cache"], &sets[..]].concat();
     place.glebe(&run("whole")).expect(0);
@@ -92,6 +119,40 @@ fn a_run_that_is_killed_goes_on_from_its_last_checkpoint() {
         fs::read(place.path("killed/series.csv")).unwrap(),
         fs::read(place.path("whole/series.csv")).unwrap()
     );
+    // Every grain is inside, or came through one and went through the other.
+    let rows = series(&place.path("whole"));
+    let count = |row: usize, name: &str| rows.column(name).unwrap()[row];
+    let last = rows.column("time").unwrap().len() - 1;
+    let balance = |row| count(row, "particles") - count(row, "rain.particles") + count(row, "hole.particles");
+    assert!(count(last, "rain.particles") > 50.0 && count(last, "hole.particles") > 5.0);
+    assert_eq!(balance(last), balance(3 * last / 4));
+    let came = count(last, "rain.mass");
+    assert!(count(last, "time") > 0.1 && (0.15..=0.2).contains(&came), "{came} kg");
+    assert!(count(last, "entered") > 0.5 * came * 4.0);
+    // Means over a window that a checkpoint was written in have no seam either.
+    let files = |out: &str| {
+        let all = fs::read_dir(place.path(out).join("fields")).unwrap().map(|entry| entry.unwrap().path());
+        let mut all: Vec<_> =
+            all.map(|path| (path.file_name().unwrap().to_owned(), fs::read(path).unwrap())).collect();
+        all.sort();
+        all
+    };
+    let (killed, whole) = (files("killed"), files("whole"));
+    let names: Vec<_> = whole.iter().map(|(name, _)| name.to_str().unwrap()).collect();
+    assert!(names.starts_with(&["000000_heap.csv", "000000_heap.vti", "000001_heap.csv"]), "{names:?}");
+    assert!(killed == whole, "the fields have a seam: {names:?}");
+    // The mass of the profile is that of the grains: solid fraction times volume, in the last result.
+    let (_, last) =
+        whole.iter().rfind(|(name, _)| Path::new(name).extension().is_some_and(|e| e == "csv")).unwrap();
+    let rows: Vec<Vec<f64>> = String::from_utf8_lossy(last)
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect())
+        .collect();
+    assert!(rows.windows(2).all(|pair| pair[0][0] < pair[1][0]));
+    assert!(rows.iter().all(|row| row[1] >= 0.0 && row[1] < 0.8), "{rows:?}");
+    let (solid, density): (f64, f64) = (rows.iter().map(|r| r[1]).sum(), rows.iter().map(|r| r[2]).sum());
+    assert!(solid > 0.5 && (density / solid / 2000.0 - 1.0).abs() < 1e-3, "{density} {solid}");
 }
 
 /// A state whose contacts all remember as much as the first.

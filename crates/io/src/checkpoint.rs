@@ -45,6 +45,9 @@ pub struct Header {
     /// Whether what contacts remember was left out: a resumed run then ends with other bits.
     #[serde(default)]
     pub forgetful: bool,
+    /// Bytes at the end of the state that are what fields under way have seen.
+    #[serde(default)]
+    pub seen: u64,
 }
 
 /// A state that was read back.
@@ -59,6 +62,14 @@ pub struct Checkpoint {
     /// Newer files that could not be used, each with its reason and in plain words; empty if this is
     /// the newest.
     pub skipped: Vec<String>,
+}
+
+impl Checkpoint {
+    /// The state of the world, and what fields under way have seen.
+    pub fn parts(&self) -> (&[u8], &[u8]) {
+        let seen = usize::try_from(self.header.seen).unwrap_or(usize::MAX);
+        self.state.split_at(self.state.len().saturating_sub(seen))
+    }
 }
 
 /// Why a checkpoint cannot be used or written.

@@ -46,6 +46,7 @@ dimensions! {
     POWER "power" "W" r#"500 or "0.5 kW""#;
     STIFFNESS "stiffness" "N/m" r#"1e5 or "100 kN/m""#;
     DAMPING "damping coefficient" "N s/m" r#"10 or "10 N s/m""#;
+    MASS_RATE "mass per time" "kg/s" r#"0.5 or "0.5 kg/s""#;
 }
 
 impl Dimension {

@@ -25,6 +25,7 @@ fn header(step: u64) -> Header {
         rows: step / 10,
         frames: step / 100,
         forgetful: false,
+        seen: 0,
     }
 }
 

@@ -9,7 +9,8 @@ use std::process::Command;
 
 use glebe_io::output::series::{Series, SeriesWriter};
 use glebe_io::output::summary::{Lost, Measure, Particles, Performance, Provenance, Stage, Status, Summary};
-use glebe_io::output::vtp::{Column, PolyData, Values};
+use glebe_io::output::vti::ImageData;
+use glebe_io::output::vtp::{Cells, Column, Part, PolyData, Values};
 use glebe_io::output::{
     Cell, FrameWriter, Journal, OutputDir, OutputError, SVG_MARK, pvd, write_atomic, write_table,
 };
@@ -572,7 +573,7 @@ mod frames {
         fn data(&self) -> PolyData<'_> {
             PolyData {
                 points: Values::Vec3F64(&self.position),
-                triangles: None,
+                cells: Cells::Points,
                 point_data: vec![
                     Column::new("id", Values::U32(&self.id)),
                     Column::new("radius", Values::F32(&self.radius)),
@@ -588,7 +589,7 @@ mod frames {
     fn mesh() -> PolyData<'static> {
         PolyData {
             points: Values::Vec3F64(&CORNERS),
-            triangles: Some(&TRIANGLES),
+            cells: Cells::Triangles(&TRIANGLES),
             point_data: Vec::new(),
             cell_data: vec![Column::new("pressure", Values::F32(&PRESSURE))],
         }
@@ -628,7 +629,7 @@ mod frames {
     #[test]
     fn vtk_reads_back_what_was_written() {
         let dir = OutputDir::create(&place("vtk"), false).unwrap();
-        let mut writer = FrameWriter::create(&dir, &["particles", "the <tool>"]).unwrap();
+        let mut writer = FrameWriter::create(dir.frames(), &["particles", "the <tool>"]).unwrap();
         // None, one, and enough for several compressed blocks with a whole and a broken last one.
         let clouds = [0, 1, 32768, 40001].map(Cloud::new);
         for (k, cloud) in clouds.iter().enumerate() {
@@ -638,7 +639,7 @@ mod frames {
             }
             writer.write(k as f64 * 0.02, &parts).unwrap();
         }
-        let Some(found) = read_with_vtk(&dir.frames_pvd()) else { return };
+        let Some(found) = read_with_vtk(&dir.frames().list) else { return };
         let found = found.as_array().unwrap();
         assert_eq!(found.len(), 7);
         for set in found {
@@ -692,6 +693,65 @@ mod frames {
     }
 
     #[test]
+    fn vtk_reads_fields_and_lines() {
+        let dir = OutputDir::create(&place("vtk-fields"), false).unwrap();
+        let cells = [3_usize, 2, 4];
+        let n = cells.iter().product::<usize>();
+        let x = |k: usize, c: usize| (k as f64 * 1.37 + c as f64).sin() / 3.0;
+        let density: Vec<f64> = (0..n).map(|k| x(k, 0)).collect();
+        let velocity: Vec<[f64; 3]> = (0..n).map(|k| [x(k, 1), x(k, 2), x(k, 3)]).collect();
+        let stress: Vec<[[f64; 3]; 3]> = (0..n).map(|k| [0, 3, 6].map(|c| [x(k, c), x(k, 4), 0.1])).collect();
+        let image = ImageData {
+            origin: [-0.1, 0.2, 0.0],
+            spacing: [0.1, 0.25, 0.5],
+            cells,
+            cell_data: vec![
+                Column::new("density", Values::F64(&density)),
+                Column::new("velocity", Values::Vec3F64(&velocity)),
+                Column::new("stress", Values::TensorF64(&stress)),
+            ],
+        };
+        let mut writer = FrameWriter::create(dir.field("core 1"), &["core-1"]).unwrap();
+        writer.write(0.5, &[(0, image.clone())]).unwrap();
+        let few = ImageData { cells: [3, 2, 3], ..image };
+        let refused = writer.write(1.0, &[(0, few)]).unwrap_err().to_string();
+        assert!(refused.contains("column `density` has 24 values for 18 cells"), "{refused}");
+        assert_eq!(files(dir.path()), ["fields/000000_core-1.vti", "fields/core-1.pvd"]);
+        let force = [[0.0, 1.0, 2.0_f32], [3.0, 4.0, 5.0]];
+        let lines = PolyData {
+            points: Values::Vec3F64(&CORNERS),
+            cells: Cells::Lines(&[[0, 1], [2, 3]]),
+            point_data: Vec::new(),
+            cell_data: vec![Column::new("force", Values::Vec3F32(&force))],
+        };
+        let mut frames = FrameWriter::create(dir.frames(), &["contacts"]).unwrap();
+        frames.write(0.5, &[(0, lines)]).unwrap();
+        let (field, frames) = (dir.field("core 1").list, dir.frames().list);
+        let (Some(field), Some(contacts)) = (read_with_vtk(&field), read_with_vtk(&frames)) else { return };
+        let (field, contacts) = (&field[0], &contacts[0]);
+        assert_eq!((&field["errors"], &contacts["errors"]), (&serde_json::json!([]), &serde_json::json!([])));
+        assert_eq!(field["dimensions"], serde_json::json!([4, 3, 5]));
+        let bounds = numbers::<f64>(&field["bounds"]);
+        let expected = [-0.1, 0.2, 0.2, 0.7, 0.0, 2.0];
+        assert!(bounds.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{bounds:?}");
+        let data = &field["cell_data"];
+        assert_eq!(numbers::<f64>(&column(data, "density", "double", 1)), density);
+        assert_eq!(numbers::<f64>(&column(data, "velocity", "double", 3)), velocity.as_flattened());
+        let tensors = numbers::<f64>(&column(data, "stress", "double", 9));
+        assert_eq!(tensors, stress.as_flattened().as_flattened());
+        assert_eq!(field["field_data"]["TimeValue"]["values"][0], field["timestep"]);
+        assert_eq!(contacts["lines"], serde_json::json!([[0, 1], [2, 3]]));
+        assert_eq!(
+            numbers::<f32>(&column(&contacts["cell_data"], "force", "float", 3)),
+            force.as_flattened()
+        );
+        // They are ours: another run may take their place.
+        let path = dir.path().to_owned();
+        drop(dir);
+        assert!(files(OutputDir::create(&path, true).unwrap().path()).is_empty());
+    }
+
+    #[test]
     fn columns_that_do_not_fit_are_refused() {
         let path = folder("misfit").join("a.vtp");
         let why = |data: PolyData| data.write(&path, 0.0).unwrap_err().to_string();
@@ -703,7 +763,7 @@ mod frames {
         assert!(why(data).contains("column `height` has 2 values for 4 points"));
         let mut data = mesh();
         data.points = Values::Vec3F64(&CORNERS[..3]);
-        assert!(why(data).contains("triangle [0, 2, 3] uses a point beyond the 3 points"));
+        assert!(why(data).contains("a cell uses point 3 beyond the 3 points"));
         let mut data = mesh();
         data.points = Values::F32(&PRESSURE);
         assert!(why(data).contains("points must be vectors"));
@@ -714,8 +774,8 @@ mod frames {
     fn frames_continue_after_a_checkpoint() {
         let dir = OutputDir::create(&place("frames-resume"), false).unwrap();
         let names = ["particles", "Tool/1", "tool_1", "a & b"];
-        let mut writer = FrameWriter::create(&dir, &names).unwrap();
-        assert_eq!(pvd::read(&dir.frames_pvd()).unwrap(), []);
+        let mut writer = FrameWriter::create(dir.frames(), &names).unwrap();
+        assert_eq!(pvd::read(&dir.frames().list).unwrap(), []);
         let cloud = Cloud::new(3);
         let write = |writer: &mut FrameWriter, k: u32| {
             let parts: Vec<_> = (0..4).map(|p| (p, if p == 0 { cloud.data() } else { mesh() })).collect();
@@ -725,8 +785,8 @@ mod frames {
             write(&mut writer, k);
         }
         assert_eq!(writer.count(), 4);
-        let whole = fs::read(dir.frames_pvd()).unwrap();
-        let entries = pvd::read(&dir.frames_pvd()).unwrap();
+        let whole = fs::read(dir.frames().list).unwrap();
+        let entries = pvd::read(&dir.frames().list).unwrap();
         assert_eq!(entries.len(), 16);
         assert_eq!((entries[4].time, entries[7].name.as_str()), (1.0 / 3.0, "a & b"));
         for (k, entry) in entries.iter().enumerate() {
@@ -739,23 +799,23 @@ mod frames {
         unique.dedup();
         assert_eq!(unique.len(), 16);
 
-        let mut writer = FrameWriter::resume(&dir, &names, 2).unwrap();
-        assert_eq!(pvd::read(&dir.frames_pvd()).unwrap(), entries[..8]);
+        let mut writer = FrameWriter::resume(dir.frames(), &names, 2).unwrap();
+        assert_eq!(pvd::read(&dir.frames().list).unwrap(), entries[..8]);
         write(&mut writer, 2);
         write(&mut writer, 3);
-        assert_eq!(fs::read(dir.frames_pvd()).unwrap(), whole);
+        assert_eq!(fs::read(dir.frames().list).unwrap(), whole);
 
         // The list is somebody's to delete while the run goes on; no new one pretends to be whole.
-        fs::remove_file(dir.frames_pvd()).unwrap();
+        fs::remove_file(dir.frames().list).unwrap();
         let parts = [(0, cloud.data())];
         let gone = writer.write(2.0, &parts).unwrap_err().to_string();
         assert!(gone.contains("frames.pvd: is gone") && gone.contains("--resume"), "{gone}");
-        assert!(!dir.frames_pvd().exists() && writer.count() == 4);
-        fs::write(dir.frames_pvd(), &whole).unwrap();
+        assert!(!dir.frames().list.exists() && writer.count() == 4);
+        fs::write(dir.frames().list, &whole).unwrap();
 
-        let few = FrameWriter::resume(&dir, &names, 5).unwrap_err().to_string();
+        let few = FrameWriter::resume(dir.frames(), &names, 5).unwrap_err().to_string();
         assert!(few.contains("lists 4 frames, but the checkpoint was taken after 5"), "{few}");
-        let mut writer = FrameWriter::create(&dir, &names[..1]).unwrap();
+        let mut writer = FrameWriter::create(dir.frames(), &names[..1]).unwrap();
         assert!(matches!(writer.write(0.0, &[(1, mesh())]), Err(OutputError::Columns { .. })));
         assert_eq!(writer.count(), 0);
     }

@@ -1,4 +1,4 @@
-"""Reads .vtp files with VTK's own reader and prints what it found as JSON.
+"""Reads .vtp and .vti files with VTK's own reader and prints what it found as JSON.
 
 Usage: output_vtk.py COLLECTION.pvd. Numbers are printed as text, so that no JSON reader rounds them.
 """
@@ -43,17 +43,27 @@ def cells(array):
 
 
 def read(path):
-    """One .vtp file."""
+    """One .vtp or .vti file."""
     errors = []
-    reader = vtk.vtkXMLPolyDataReader()
+    image = path.endswith(".vti")
+    reader = vtk.vtkXMLImageDataReader() if image else vtk.vtkXMLPolyDataReader()
     reader.AddObserver("ErrorEvent", lambda *_: errors.append("reader reported an error"))
     reader.SetFileName(path)
     reader.Update()
     mesh = reader.GetOutput()
+    if image:
+        return {
+            "errors": errors,
+            "bounds": [repr(x) for x in mesh.GetBounds()],
+            "dimensions": list(mesh.GetDimensions()),
+            "cell_data": columns(mesh.GetCellData()),
+            "field_data": columns(mesh.GetFieldData()),
+        }
     return {
         "errors": errors,
         "points": values(mesh.GetPoints().GetData()) if mesh.GetPoints() else [],
         "verts": cells(mesh.GetVerts()),
+        "lines": cells(mesh.GetLines()),
         "polys": cells(mesh.GetPolys()),
         "point_data": columns(mesh.GetPointData()),
         "cell_data": columns(mesh.GetCellData()),

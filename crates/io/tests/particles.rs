@@ -5,7 +5,7 @@
 use std::{collections::BTreeMap, fs, path::Path};
 
 use glebe_engine::spec::ParticleSet;
-use glebe_io::output::vtp::{Column, PolyData, Values};
+use glebe_io::output::vtp::{Cells, Column, Part, PolyData, Values};
 use glebe_io::particles::{ParticleColumns, ParticleError, read};
 
 fn parse(name: &str, content: &str) -> Result<ParticleColumns, ParticleError> {
@@ -107,7 +107,7 @@ fn vtu_as_gpudem_writes_it_and_vtp_as_we_do() {
     let (positions, speeds) = ([[0.1, 0.2, 1.0 / 3.0], [0.5, 0.0, -0.0]], [[1.0_f32, 2.0, 3.0], [0.0; 3]]);
     let own = PolyData {
         points: Values::Vec3F64(&positions),
-        triangles: None,
+        cells: Cells::Points,
         point_data: vec![
             Column::new("id", Values::U32(&[7, 8])),
             Column::new("radius", Values::F32(&[0.5, 0.25])),

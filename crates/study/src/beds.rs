@@ -165,6 +165,7 @@ fn program() -> Option<&'static str> {
 fn leading(spec: &WorldSpec, stages: usize, dormant: &[bool]) -> WorldSpec {
     let mut spec = spec.clone();
     spec.title.clear();
+    spec.fields.clear();
     spec.stages.truncate(stages);
     for stage in &mut spec.stages {
         for measure in &mut stage.measures {

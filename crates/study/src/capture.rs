@@ -5,10 +5,10 @@ use std::path::Path;
 use glebe_engine::Constants;
 use glebe_engine::batch::Sample;
 use glebe_io::output::series::Series;
-use glebe_io::output::{Cell, OutputError, columns, summary, write_table};
+use glebe_io::output::{Cell, OutputError, summary, write_table};
 
 use crate::ensemble::short;
-use crate::series::row;
+use crate::series::{names, row};
 
 /// What a simulated curve may lack of the measured range at its ends, as a share of its own: stages end with a whole step.
 const SLACK: f64 = 1e-3;
@@ -37,7 +37,7 @@ impl Wanted {
         at: &[f64],
     ) -> Result<Self, String> {
         let bonds = c.bonds();
-        let names = columns::series(c.spec.surfaces.iter().map(|s| s.name.as_str()), bonds, c.is_sample());
+        let names = names(c);
         let column = |wanted: &str| {
             names.iter().position(|n| n == wanted).ok_or_else(|| {
                 let surfaces: Vec<String> = c.spec.surfaces.iter().map(|s| format!("`{}`", s.name)).collect();

@@ -9,6 +9,8 @@ use std::time::Instant;
 use glebe_engine::Constants;
 use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Observer, Status};
+use glebe_engine::exchange::{Inlet, InletState, Supply};
+use glebe_engine::generate::solid_volume;
 use glebe_engine::spec::{Component, Measure, Stage};
 use glebe_engine::state::{MeasureState, Progress, StageResult, State};
 use glebe_io::output::summary;
@@ -349,6 +351,29 @@ pub fn doubts(result: &StageResult, c: &Constants) -> Vec<String> {
         format!("stage `{}`: the survey `{}` {what}", result.name, survey.name)
     });
     spec.measures.iter().zip(&result.measures).filter_map(doubt).chain(nothing).collect()
+}
+
+/// Inlets that had no room for more than a tenth of what should have come.
+pub fn blocked(c: &Constants, g: &Progress) -> Vec<String> {
+    let told = |(inlet, state): (&Inlet, &InletState)| {
+        let (came, waits, least, unit) = match &inlet.supply {
+            Supply::Mass(_, grains) => {
+                let largest = solid_volume(&[grains.sizes.limits().1]);
+                let grain = largest * c.spec.materials.get(grains.material)?.density;
+                (state.flow.mass, state.owed, grain, "kg")
+            }
+            Supply::Number(..) => (state.flow.particles as f64, state.owed, 1.0, "particles"),
+            Supply::Outlet(_) => (state.flow.particles as f64, state.queue.len() as f64, 1.0, "particles"),
+        };
+        (waits > 2.0 * least && waits > 0.1 * (came + waits)).then(|| {
+            format!(
+                "the inlet `{}` had no room for {waits:.4} {unit} beside the {came:.4} that came: enlarge its region, \
+                 let what comes move away faster, or lower the rate",
+                inlet.name
+            )
+        })
+    };
+    c.spec.inlets.iter().zip(&g.inlets).filter_map(told).collect()
 }
 
 /// The most steps that a world has before it; a stage that waits without limit counts as none.

@@ -1,9 +1,22 @@
 //! The series of a world as rows of numbers.
 
+use glebe_engine::Constants;
 use glebe_engine::batch::Sample;
-use glebe_io::output::columns;
+use glebe_io::output::columns::{self, Shown};
 
-/// A row of `series.csv`, in the order of [`columns::series`], with those of `bonds` where there may be some.
+/// The columns of the `series.csv` of a world.
+pub fn names(c: &Constants) -> Vec<String> {
+    let spec = &c.spec;
+    let inlets = spec.inlets.iter().map(|i| i.name.as_str());
+    columns::series(&Shown {
+        surfaces: spec.surfaces.iter().map(|s| s.name.as_str()).collect(),
+        doors: inlets.chain(spec.outlets.iter().map(|o| o.name.as_str())).collect(),
+        bonds: c.bonds(),
+        sample: c.is_sample(),
+    })
+}
+
+/// A row of `series.csv`, in the order of [`names`], with those of `bonds` where there may be some.
 pub fn row(s: &Sample, bonds: bool) -> Vec<f64> {
     let l = &s.ledger;
     let mut row = vec![
@@ -38,6 +51,12 @@ pub fn row(s: &Sample, bonds: bool) -> Vec<f64> {
         row.extend(t.force.iter().chain(&t.torque));
         row.extend([t.draught, t.path, f64::from(u8::from(t.present))]);
         row.extend(t.pose.translation.iter().chain(&t.pose.rotation));
+    }
+    if !s.flows.is_empty() {
+        row.push(l.entered);
+    }
+    for flow in &s.flows {
+        row.extend([flow.particles as f64, flow.mass, flow.rate]);
     }
     if let Some(i) = &s.interior {
         row.extend([i.p(), i.q(), i.volumetric_strain(), i.deviatoric_strain(), i.void_ratio]);

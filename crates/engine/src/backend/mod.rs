@@ -16,6 +16,7 @@ use serde::Serialize;
 use crate::failure::Failure;
 use crate::measure::Tensors;
 use crate::setup::Constants;
+use crate::spec::Vec3;
 use crate::state::{Progress, State};
 
 /// A device or a way to use one that is not there.
@@ -124,11 +125,37 @@ impl Moment {
 pub struct Detail {
     /// Contacts of each particle, in the order of storage.
     pub coordination: Vec<u32>,
-    /// Contact network: numbers of the two particles and the force on the first \[N\].
-    pub network: Vec<([u32; 2], [f32; 3])>,
+    /// Contacts of particles with each other.
+    pub network: Vec<Link>,
+    /// Contacts of particles with surfaces and walls.
+    pub touches: Vec<Touch>,
     /// For each surface of the specification the force of the particles on each triangle \[N\]; one entry
     /// for a plane.
     pub on_triangles: Vec<Vec<[f64; 3]>>,
+}
+
+/// Two particles in contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Link {
+    /// Their numbers.
+    pub id: [u32; 2],
+    /// From the first to the nearest image of the second \[m\].
+    pub branch: Vec3,
+    /// Force on the first \[N\].
+    pub force: [f32; 3],
+}
+
+/// A particle in contact with a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Touch {
+    /// The particle's number.
+    pub id: u32,
+    /// The surface; domain sides come after the specification's surfaces.
+    pub surface: u32,
+    /// From the particle to where they touch \[m\].
+    pub branch: Vec3,
+    /// Force on the particle \[N\].
+    pub force: [f32; 3],
 }
 
 /// Seconds spent in each phase.

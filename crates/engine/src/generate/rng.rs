@@ -12,6 +12,10 @@ pub enum Purpose {
     Positions = 2,
     /// Values of parameters from world to world.
     Samples = 3,
+    /// Radii of particles that come through inlets.
+    InletSizes = 4,
+    /// Their positions.
+    InletPlaces = 5,
 }
 
 /// SplitMix64 (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators"): a
@@ -26,6 +30,12 @@ impl Rng {
         Self(mix(mix(seed) ^ (purpose as u64).wrapping_mul(GOLDEN)))
     }
 
+    /// A stream of its own for each seed, purpose and two numbers.
+    pub fn of(seed: u64, purpose: Purpose, numbers: [u64; 2]) -> Self {
+        let Self(start) = Self::new(seed, purpose);
+        Self(numbers.into_iter().fold(start, |state, n| mix(state ^ mix(n.wrapping_add(GOLDEN)))))
+    }
+
     /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(GOLDEN);
@@ -38,7 +48,7 @@ impl Rng {
     }
 
     /// Uniform in [low, high).
-    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 

@@ -79,7 +79,8 @@ impl SizeDistribution {
         }
     }
 
-    fn draw(&self, rng: &mut Rng) -> Result<f64, GenerateError> {
+    /// Draws one radius \[m\].
+    pub(crate) fn draw(&self, rng: &mut Rng) -> Result<f64, GenerateError> {
         match *self {
             Self::Constant(radius) => Ok(radius),
             Self::Uniform { min, max } => Ok(rng.between(min, max)),

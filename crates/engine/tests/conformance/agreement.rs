@@ -121,10 +121,11 @@ fn one_step_agrees(on: &Subject, name: &str, copies: usize, run: &mut Run, refer
     let mut sizes = vec![0.0; 400 * copies];
     // Of contacts that part, spring and dashpot may cancel, so that what is left is smaller than what was summed.
     let force = |f: &[f32; 3]| norm(f.map(f64::from));
-    let mean = detail.network.iter().map(|(_, f)| force(f)).sum::<f64>() / detail.network.len() as f64;
-    for (ids, f) in &detail.network {
-        for i in ids {
-            sizes[*i as usize] += force(f).max(0.01 * mean);
+    let mean =
+        detail.network.iter().map(|link| force(&link.force)).sum::<f64>() / detail.network.len() as f64;
+    for link in &detail.network {
+        for i in link.id {
+            sizes[i as usize] += force(&link.force).max(0.01 * mean);
         }
     }
     let before = reference.bodies();

@@ -15,6 +15,8 @@ mod conservation;
 mod convergence;
 mod deforming;
 mod energy;
+mod exchange;
+mod fields;
 mod floor;
 mod frames;
 mod friction;
@@ -88,6 +90,10 @@ macro_rules! backend_suite {
                 guards::a_world_that_goes_wrong_stops_alone,
                 pairwise::a_pair_follows_its_own_laws,
                 pairwise::a_device_refuses_more_than_two_laws_of_a_slot,
+                exchange::what_comes_in_is_inside_or_went_out,
+                exchange::what_leaves_comes_back,
+                fields::a_sample_on_a_grid_is_the_sample,
+                fields::a_column_carries_its_weight,
             }
             // Many laws, many steps, or kernels of their own, which take long to compile.
             tests! { $subject, $slow;

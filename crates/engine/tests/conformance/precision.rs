@@ -192,9 +192,9 @@ fn mean_stress(run: &mut Run) -> f64 {
         .detail()
         .network
         .iter()
-        .map(|(ids, f)| {
-            let [i, j] = ids.map(|i| i as usize);
-            dot(nearest(sub(b[i].x, b[j].x), cell), f.map(f64::from))
+        .map(|link| {
+            let [i, j] = link.id.map(|i| i as usize);
+            dot(nearest(sub(b[i].x, b[j].x), cell), link.force.map(f64::from))
         })
         .sum();
     sum / (3.0 * cell.powi(3))
@@ -257,7 +257,7 @@ pub fn a_packing_at_50_pa_stays_at_rest(on: &Subject) {
                 assert!(change.abs() < FLICKER, "{} of {} contacts", m.contacts, packing.contacts.len());
                 continue;
             }
-            let mut found: Vec<_> = run.detail().network.iter().map(|c| c.0.map(|i| i as usize)).collect();
+            let mut found: Vec<_> = run.detail().network.iter().map(|c| c.id.map(|i| i as usize)).collect();
             for pair in &mut found {
                 pair.sort_unstable();
             }

@@ -1,5 +1,6 @@
 //! One simulation from a specification to an output folder: series, frames, checkpoints, plots, summary.
 
+mod fields;
 mod plots;
 mod recorder;
 
@@ -18,7 +19,7 @@ use glebe_io::output::summary::{self, Summary};
 use glebe_io::output::{OutputDir, OutputError};
 
 pub use glebe_study::default_bed_folder;
-use glebe_study::drive::{Drive, Event, Outcome, doubts, told};
+use glebe_study::drive::{Drive, Event, Outcome, blocked, doubts, told};
 pub use glebe_study::drive::{Listener, Pulse, Silent};
 use glebe_study::scene_hash;
 
@@ -128,7 +129,8 @@ pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -
             listener.warn(&line);
             warnings.push(line);
         }
-        let state = State::from_bytes(&found.state)
+        let (state, _) = found.parts();
+        let state = State::from_bytes(state)
             .and_then(|state| state.belongs_to(&constants).map(|()| state))
             .map_err(|source| RunError::State { path: found.path.clone(), source })?;
         if state.progress.stage >= constants.spec.stages.len()
@@ -163,7 +165,7 @@ pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -
             note(line, listener);
         }
     }
-    let counts = after.as_ref().map(|c| (c.header.rows, c.header.frames));
+    let counts = after.as_ref().map(|c| (c.header.rows, c.header.frames, c.parts().1));
     let run = Run {
         recorder: Recorder::new(&dir, &constants, counts)?,
         checkpoints,
@@ -237,6 +239,7 @@ impl Run {
         plots::write(&self.dir, &self.constants, results, &furrows)?;
         // Of all stages, so that a run in parts ends with the same warnings as a whole one.
         warnings.extend(results.iter().flat_map(|result| doubts(result, &self.constants)));
+        warnings.extend(blocked(&self.constants, self.drive.batch().progress(0)));
         let summary = self.summary(warnings, notes);
         summary.write(&self.dir.summary())?;
         Ok(summary)
@@ -258,7 +261,9 @@ impl Run {
             state.surface_contacts.clear();
             header.forgetful = true;
         }
-        self.checkpoints.write(&header, &state.to_bytes())?;
+        let seen = self.recorder.seen();
+        header.seen = seen.len() as u64;
+        self.checkpoints.write(&header, &[state.to_bytes(), seen].concat())?;
         self.recorder.time += start.elapsed();
         Ok(())
     }
@@ -313,6 +318,7 @@ fn header(
         rows,
         frames,
         forgetful: false,
+        seen: 0,
     }
 }
 

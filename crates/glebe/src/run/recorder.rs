@@ -9,9 +9,11 @@ use glebe_engine::lattice::{cross, dot, norm, sub};
 use glebe_engine::spec::{Shape, TriMesh, Vec3};
 use glebe_engine::state::StageResult;
 use glebe_io::output::series::SeriesWriter;
-use glebe_io::output::vtp::{Column, PolyData, Values};
-use glebe_io::output::{FrameWriter, OutputDir, OutputError, columns};
-use glebe_study::series::row;
+use glebe_io::output::vtp::{Cells, Column, PolyData, Values};
+use glebe_io::output::{FrameWriter, OutputDir, OutputError};
+use glebe_study::series::{names, row};
+
+use super::fields::Fields;
 
 /// Name of the particles among a frame's parts.
 const PARTICLES: &str = "particles";
@@ -20,6 +22,7 @@ const PARTICLES: &str = "particles";
 pub(super) struct Recorder {
     series: SeriesWriter,
     frames: FrameWriter,
+    fields: Fields,
     /// Surface of each part of a frame, and its mesh; the particles come first.
     meshes: Vec<(usize, Arc<TriMesh>)>,
     /// Whether particles may be bonded.
@@ -31,15 +34,14 @@ pub(super) struct Recorder {
 }
 
 impl Recorder {
-    /// Begins, or continues after this many rows and frames.
+    /// Begins, or continues after this many rows and frames, and what a checkpoint holds of fields.
     pub(super) fn new(
         dir: &OutputDir,
         constants: &Constants,
-        after: Option<(u64, u64)>,
+        after: Option<(u64, u64, &[u8])>,
     ) -> Result<Self, OutputError> {
         let surfaces = &constants.spec.surfaces;
-        let names = surfaces.iter().map(|s| s.name.as_str());
-        let columns = columns::series(names, constants.bonds(), constants.is_sample());
+        let columns = names(constants);
         let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
         let shown = |shape: &Shape| match shape {
             Shape::Plane { .. } => None,
@@ -54,20 +56,28 @@ impl Recorder {
         let mut parts = vec![PARTICLES];
         parts.extend(meshes.iter().map(|(s, _)| surfaces[*s].name.as_str()));
         let (series, frames) = match after {
-            None => (SeriesWriter::create(&dir.series(), &columns)?, FrameWriter::create(dir, &parts)?),
-            Some((rows, frames)) => (
+            None => {
+                (SeriesWriter::create(&dir.series(), &columns)?, FrameWriter::create(dir.frames(), &parts)?)
+            }
+            Some((rows, frames, _)) => (
                 SeriesWriter::resume(&dir.series(), &columns, rows)?,
-                FrameWriter::resume(dir, &parts, frames)?,
+                FrameWriter::resume(dir.frames(), &parts, frames)?,
             ),
         };
+        let fields = Fields::new(dir, constants, after.map(|(_, _, fields)| fields))?;
         let bonds = constants.bonds();
-        Ok(Self { series, frames, meshes, bonds, last: None, time: Duration::ZERO })
+        Ok(Self { series, frames, fields, meshes, bonds, last: None, time: Duration::ZERO })
     }
 
     /// Rows and frames so far, made durable.
     pub(super) fn counts(&self) -> Result<(u64, u64), OutputError> {
         self.series.sync()?;
         Ok((self.series.rows(), self.frames.count()))
+    }
+
+    /// What fields have seen, for a checkpoint.
+    pub(super) fn seen(&self) -> Vec<u8> {
+        self.fields.to_bytes()
     }
 }
 
@@ -100,13 +110,24 @@ impl Observer for Recorder {
         shown.extend(meshes.iter().map(|(part, mesh, vertices, pressure)| {
             let data = PolyData {
                 points: Values::Vec3F64(vertices),
-                triangles: Some(&mesh.triangles),
+                cells: Cells::Triangles(&mesh.triangles),
                 point_data: Vec::new(),
                 cell_data: vec![Column::new("pressure", Values::F32(pressure))],
             };
             (*part, data)
         }));
         self.frames.write(frame.time, &shown)?;
+        self.time += start.elapsed();
+        Ok(())
+    }
+
+    fn wants_look(&self, _: usize, sample: &Sample) -> bool {
+        self.fields.look_at(sample)
+    }
+
+    fn look(&mut self, _: usize, frame: &Frame<'_>) -> Result<(), OutputError> {
+        let start = Instant::now();
+        self.fields.look(frame)?;
         self.time += start.elapsed();
         Ok(())
     }
@@ -146,7 +167,7 @@ impl ParticleColumns {
     fn poly_data<'a>(&'a self, positions: &'a [Vec3]) -> PolyData<'a> {
         let mut data = PolyData {
             points: Values::Vec3F64(positions),
-            triangles: None,
+            cells: Cells::Points,
             point_data: vec![
                 Column::new("id", Values::U32(&self.id)),
                 Column::new("radius", Values::F32(&self.radius)),

@@ -61,7 +61,7 @@ pub const TEMPLATES: &[Template] = &[
     },
     Template {
         name: "silo",
-        summary: "a silo that empties through a hopper: loads on its wall",
+        summary: "a silo that empties through a hopper: loads on its wall, mass flow",
         text: include_str!("silo.toml"),
         values: &[
             ("small", "", ", in a size that ends within a minute"),
@@ -70,6 +70,24 @@ pub const TEMPLATES: &[Template] = &[
             ("count", "22000", "2500"),
             ("radius", "\"4 mm\", \"5.5 mm\"", "\"8 mm\", \"10 mm\""),
             ("duration", "3 s", "1 s"),
+        ],
+        sweep: None,
+        study: None,
+    },
+    Template {
+        name: "conveyor",
+        summary: "a belt fed through a chute: mass flow, load on the belt",
+        text: include_str!("conveyor.toml"),
+        values: &[
+            ("small", "", ", in a size that ends within a minute"),
+            ("title", "A conveyor", "A conveyor, coarse and short"),
+            ("end", "1.6", "0.7"),
+            ("length", "1.5", "0.6"),
+            ("openings", "\"8 mm\", \"12 mm\", \"20 mm\"", "\"16 mm\", \"20 mm\", \"30 mm\""),
+            ("rate", "2 kg/s", "1.5 kg/s"),
+            ("duration", "8 s", "3 s"),
+            ("window", "5, 8", "2, 3"),
+            ("spacing", "10 mm", "20 mm"),
         ],
         sweep: None,
         study: None,

@@ -81,17 +81,41 @@ pub const SYMMETRIC: [([usize; 2], &str); 6] =
 /// Columns of bonds, where there may be some.
 const BONDS: [Column; 2] = [("bonds_made", NONE), ("bonds_broken", NONE)];
 
-/// The columns of `series.csv`, in order; those of `bonds` where there may be some, of stress and strain where the world is
-/// a `sample`.
-pub fn series<'a>(surfaces: impl Iterator<Item = &'a str>, bonds: bool, sample: bool) -> Vec<String> {
+/// Column of what inlets brought, where there are inlets or outlets.
+const ENTERED: Column = ("entered", ENERGY);
+
+/// Columns of each inlet and outlet, behind its name and a dot.
+const DOOR: [Column; 3] = [("particles", NONE), ("mass", Dimension::MASS), ("rate", Dimension::MASS_RATE)];
+
+/// What a series has columns for.
+#[derive(Clone, Debug, Default)]
+pub struct Shown<'a> {
+    /// Surfaces by name.
+    pub surfaces: Vec<&'a str>,
+    /// Inlets, then outlets, by name.
+    pub doors: Vec<&'a str>,
+    /// Whether there may be bonds.
+    pub bonds: bool,
+    /// Whether stress and strain of the inside are known.
+    pub sample: bool,
+}
+
+/// The columns of `series.csv`, in order.
+pub fn series(shown: &Shown<'_>) -> Vec<String> {
     let mut names: Vec<String> = WORLD.iter().map(|(name, _)| (*name).to_owned()).collect();
-    if bonds {
+    if shown.bonds {
         names.extend(BONDS.map(|(name, _)| name.to_owned()));
     }
-    for surface in surfaces {
+    for surface in &shown.surfaces {
         names.extend(SURFACE.iter().map(|(part, _)| format!("{surface}.{part}")));
     }
-    if sample {
+    if !shown.doors.is_empty() {
+        names.push(ENTERED.0.to_owned());
+    }
+    for door in &shown.doors {
+        names.extend(DOOR.iter().map(|(part, _)| format!("{door}.{part}")));
+    }
+    if shown.sample {
         names.extend(INSIDE.iter().map(|(name, _)| (*name).to_owned()));
         for (tensor, _) in TENSORS {
             names.extend(SYMMETRIC.map(|(_, component)| format!("{tensor}_{component}")));
@@ -104,13 +128,17 @@ pub fn series<'a>(surfaces: impl Iterator<Item = &'a str>, bonds: bool, sample: 
 pub fn in_series(name: &str) -> Option<Dimension> {
     let of = |columns: &[Column], name: &str| columns.iter().find(|(n, _)| *n == name).map(|(_, d)| *d);
     if let Some((_, part)) = name.rsplit_once('.') {
-        return of(&SURFACE, part);
+        return of(&SURFACE, part).or_else(|| of(&DOOR, part));
     }
     let tensor = || {
         let (tensor, component) = name.rsplit_once('_')?;
         SYMMETRIC.iter().any(|(_, c)| *c == component).then(|| of(&TENSORS, tensor))?
     };
-    of(&WORLD, name).or_else(|| of(&BONDS, name)).or_else(|| of(&INSIDE, name)).or_else(tensor)
+    of(&WORLD, name)
+        .or_else(|| of(&BONDS, name))
+        .or_else(|| of(&[ENTERED], name))
+        .or_else(|| of(&INSIDE, name))
+        .or_else(tensor)
 }
 
 /// The columns of the curve of a periodic sample, in order: time, stage, strain along what the loading drives, volumetric

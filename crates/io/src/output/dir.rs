@@ -5,7 +5,9 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use super::atomic::{OutputError, PARTIAL_PREFIX, write_atomic};
+use super::frames::Collection;
 use super::lock::{LOCK, Lock};
+use super::pvd::HEAD;
 
 /// The first line of every SVG file that glebe writes, by which it knows its own plots again.
 pub const SVG_MARK: &str = "<!-- plotted by glebe -->";
@@ -46,6 +48,7 @@ const STUDY: &str = "study.toml";
 const JOURNAL: &str = "journal.jsonl";
 const CHECKPOINTS: &str = "checkpoint";
 const FRAMES: &str = "frames";
+const FIELDS: &str = "fields";
 const SAMPLES: &str = "samples";
 const ROUNDS: &str = "rounds";
 
@@ -150,13 +153,18 @@ impl OutputDir {
     pub fn checkpoints(&self) -> PathBuf {
         self.path.join(CHECKPOINTS)
     }
-    /// The folder of the frames; it may not exist yet.
-    pub fn frames(&self) -> PathBuf {
-        self.path.join(FRAMES)
+    /// Where the frames are.
+    pub fn frames(&self) -> Collection {
+        Collection { folder: self.path.join(FRAMES), list: self.path.join("frames.pvd"), prefix: "frames/" }
     }
-    /// Where the collection of the frames is.
-    pub fn frames_pvd(&self) -> PathBuf {
-        self.path.join("frames.pvd")
+    /// Where the field of this name is: its list stands beside its files.
+    pub fn field(&self, name: &str) -> Collection {
+        let folder = self.path.join(FIELDS);
+        Collection { list: folder.join(format!("{}.pvd", file_word(name))), folder, prefix: "" }
+    }
+    /// Where profile number `number` of the field of this name is.
+    pub fn profile(&self, name: &str, number: u64) -> PathBuf {
+        self.path.join(FIELDS).join(format!("{number:06}_{}.csv", file_word(name)))
     }
     /// Where the results of each world of a study are.
     pub fn worlds(&self) -> PathBuf {
@@ -284,8 +292,10 @@ fn occupant(path: &Path) -> Result<Option<String>, OutputError> {
 
 /// Removes what a crash left unfinished.
 fn remove_partial(path: &Path) -> Result<(), OutputError> {
-    let inner =
-        [FRAMES, CHECKPOINTS, SAMPLES].map(|name| path.join(name)).into_iter().filter(|f| is_folder(f));
+    let inner = [FRAMES, FIELDS, CHECKPOINTS, SAMPLES]
+        .map(|name| path.join(name))
+        .into_iter()
+        .filter(|f| is_folder(f));
     for folder in std::iter::once(path.to_owned()).chain(inner) {
         for name in names(&folder)?.iter().filter(|name| name.starts_with(PARTIAL_PREFIX)) {
             remove_file(&folder.join(name))?;
@@ -309,7 +319,18 @@ fn remove_own(path: &Path) -> Result<(), OutputError> {
         }
     }
     remove_own_in(&path.join(SAMPLES), is_sample)?;
-    remove_own_in(&path.join(FRAMES), is_frame)?;
+    let fields = path.join(FIELDS);
+    if is_folder(&fields) {
+        for name in names(&fields)? {
+            let list = fields.join(name);
+            let named = list.extension().is_some_and(|e| e == "pvd");
+            if named && is_file(&list) && begins_with(&list, HEAD)? {
+                remove_file(&list)?;
+            }
+        }
+    }
+    remove_own_in(&fields, |name| is_numbered(name, ".vti") || is_numbered(name, ".csv"))?;
+    remove_own_in(&path.join(FRAMES), |name| is_numbered(name, ".vtp"))?;
     let rounds = path.join(ROUNDS);
     if is_folder(&rounds) {
         for name in names(&rounds)?.iter().filter(|name| is_number(name)) {
@@ -361,9 +382,9 @@ fn is_file(path: &Path) -> bool {
     path.symlink_metadata().is_ok_and(|m| m.is_file())
 }
 
-/// `000012_particles.vtp`
-fn is_frame(name: &str) -> bool {
-    name.strip_suffix(".vtp")
+/// Such as `000012_particles.vtp`.
+fn is_numbered(name: &str, extension: &str) -> bool {
+    name.strip_suffix(extension)
         .and_then(|stem| stem.split_once('_'))
         .is_some_and(|(number, _)| is_number(number))
 }

@@ -12,10 +12,12 @@ pub mod pvd;
 pub mod series;
 pub mod summary;
 mod table;
+pub mod vti;
 pub mod vtp;
+mod xml;
 
 pub use atomic::{OutputError, write_atomic};
 pub use dir::{Existing, OutputDir, SVG_MARK, file_word};
-pub use frames::FrameWriter;
+pub use frames::{Collection, FrameWriter};
 pub use journal::Journal;
 pub use table::{Cell, write_table};

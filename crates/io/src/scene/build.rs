@@ -127,8 +127,13 @@ impl Scene {
         world.guards = self.guards;
         world.surfaces = self.geometry.iter().filter_map(|g| build.surface(g)).collect();
         world.particles = build.particles();
+        let row = self.sampling.series;
+        world.inlets =
+            self.inlets.iter().map(|inlet| inlet.inlet(|name| self.material_id(name), row)).collect();
+        world.outlets.clone_from(&self.outlets);
         world.stages = self.stages.iter().map(|stage| build.stage(stage)).collect();
         world.sampling = self.sampling;
+        world.fields.clone_from(&self.fields);
 
         let Build { found, meshes, notes, groups, .. } = build;
         let (warnings, errors): (Vec<_>, Vec<_>) = found.into_iter().partition(SceneError::is_warning);

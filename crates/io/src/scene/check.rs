@@ -149,6 +149,8 @@ impl Record {
 pub(crate) struct Known {
     pub materials: Vec<String>,
     pub surfaces: Vec<String>,
+    pub stages: Vec<String>,
+    pub outlets: Vec<String>,
 }
 
 impl Known {
@@ -156,6 +158,8 @@ impl Known {
         match names {
             Names::Material => self.materials.iter().map(String::as_str).collect(),
             Names::Surface => self.surfaces.iter().map(String::as_str).collect(),
+            Names::Stage => self.stages.iter().map(String::as_str).collect(),
+            Names::Outlet => self.outlets.iter().map(String::as_str).collect(),
             Names::New | Names::Pair => Vec::new(),
         }
     }
@@ -540,14 +544,16 @@ impl Checker<'_> {
             return Some(name.to_owned());
         }
         let noun = names.noun();
-        let table = if names == Names::Material { "material" } else { "geometry" };
+        let table = match names {
+            Names::Material => format!("[material.{name}]"),
+            Names::Stage => format!("[[stage]] with name = \"{name}\""),
+            Names::Outlet => format!("[outlet.{name}]"),
+            _ => format!("[geometry.{name}]"),
+        };
         self.error(
             SceneError::new("undefined", place, format!("no {noun} is called `{name}`"))
                 .label(format!("undefined {noun}"))
-                .help(format!(
-                    "{}, or define [{table}.{name}]",
-                    advice(name, &known.of(names), "none is defined")
-                )),
+                .help(format!("{}, or define {table}", advice(name, &known.of(names), "none is defined"))),
         );
         None
     }
@@ -591,7 +597,7 @@ impl Checker<'_> {
         for Entry { key, node } in entries {
             match names {
                 Names::New => {}
-                Names::Material | Names::Surface => {
+                Names::Material | Names::Surface | Names::Stage | Names::Outlet => {
                     self.reference(&key.value, names, &key.place);
                 }
                 Names::Pair if known.pair(&key.value).is_some() => {}

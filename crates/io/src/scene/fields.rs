@@ -4,6 +4,8 @@
 use glebe_engine::spec::Side;
 use glebe_physics::{ContactEnd, History, IntegratorKind, MixingRule, ShearModulusRule, Slot};
 
+use super::doors::{INLET, OUTLET};
+use super::outputs::FIELD;
 use super::table::{Field, Kind, Names, Rule, TableSpec, Words, words};
 use super::tools::{BLADE, DRUM, MIXER, PLOUGH, SWEEP, WHEEL};
 use crate::units::Dimension;
@@ -49,10 +51,10 @@ static SIDE_PAIR: Kind = Kind::Words(SIDES.words);
 const SIDE_OR_PAIR: Kind = Kind::Either(&[SIDE, Kind::LowHigh(&SIDE_PAIR)]);
 const MIXED: Kind = Kind::Words(MIXING_RULES.words);
 pub(super) const LENGTH: Kind = Kind::Number(Dimension::LENGTH);
-const TIME: Kind = Kind::Number(Dimension::TIME);
+pub(super) const TIME: Kind = Kind::Number(Dimension::TIME);
 pub(super) const NUMBER: Kind = Kind::Number(Dimension::NONE);
 pub(super) const ANGLE: Kind = Kind::Number(Dimension::ANGLE);
-const POINT: Kind = Kind::Vector(Dimension::LENGTH);
+pub(super) const POINT: Kind = Kind::Vector(Dimension::LENGTH);
 
 /// The whole file.
 pub(crate) static SCENE: TableSpec = TableSpec {
@@ -82,6 +84,9 @@ pub(crate) static SCENE: TableSpec = TableSpec {
             .or("{}"),
         Field::new("contact", Kind::Table(&CONTACT), "The contact laws.").or("{}"),
         Field::new("particles", Kind::Named(Names::New, &PARTICLES), "Groups of particles by name.").or("{}"),
+        Field::new("inlet", Kind::Named(Names::New, &INLET), "Where particles come in, by name.").or("{}"),
+        Field::new("outlet", Kind::Named(Names::New, &OUTLET), "Where they are taken away, by name.")
+            .or("{}"),
         Field::new("geometry", Kind::Named(Names::New, &GEOMETRY), "Tools and walls by name.").or("{}"),
         Field::new("stage", Kind::List(&STAGE), "What happens, in order."),
         Field::new("output", Kind::Table(&OUTPUT), "What is written, how often.").or("{}"),
@@ -248,7 +253,7 @@ static PARTICLES: TableSpec = TableSpec {
     ],
 };
 
-static SIZES: TableSpec = TableSpec {
+pub(super) static SIZES: TableSpec = TableSpec {
     doc: "A distribution of radii: by number, or by mass as a sieve curve.",
     fields: &[
         Field::new("uniform", Kind::Window(Dimension::LENGTH), "Evenly between two radii [m].")
@@ -309,7 +314,7 @@ static LOG_NORMAL: TableSpec = TableSpec {
     rules: &[],
 };
 
-static REGION: TableSpec = TableSpec {
+pub(super) static REGION: TableSpec = TableSpec {
     doc: "An axis-aligned box.",
     fields: &[
         Field::new("min", POINT, "Corner of least coordinates [m]."),
@@ -581,7 +586,7 @@ static REMOVE: TableSpec = TableSpec {
     rules: &[Rule::ExactlyOne(&["above", "beyond"])],
 };
 
-static BEYOND: TableSpec = TableSpec {
+pub(super) static BEYOND: TableSpec = TableSpec {
     doc: "The half-space x · axis > limit.",
     fields: &[
         Field::new("axis", Kind::Direction, "Its direction."),
@@ -638,6 +643,7 @@ static OUTPUT: TableSpec = TableSpec {
         Field::new("series", TIME, "Time between rows of series.csv, and between checks of stage ends [s].")
             .or("\"1 ms\"")
             .above(0.0),
+        Field::new("field", Kind::List(&FIELD), "Fields on regular grids.").or("[]"),
         Field::new("energy_ledger", Kind::Bool, "Whether dissipated energy is accounted each step.")
             .or("true"),
         Field::new("checkpoint", TIME, "Simulated time between checkpoints [s].")

@@ -2,7 +2,8 @@
 //!
 //! `fields.rs` lists every key once, with its kind, range, default and a line of documentation.
 //! `check.rs` walks a file along that list, `schema.rs` prints it as a JSON Schema, `set.rs` follows it
-//! for `--set`. `tools.rs` has the keys of tools with what they mean. `model.rs` makes the typed scene, `build.rs` reads the files that it names.
+//! for `--set`. `tools.rs` has the keys of tools with what they mean, `outputs.rs` those of
+//! fields, `doors.rs` those of inlets and outlets. `model.rs` makes the typed scene, `build.rs` reads the files that it names.
 //!
 //! ```
 //! use glebe_io::scene::Scene;
@@ -23,9 +24,11 @@
 mod build;
 pub(crate) mod check;
 pub(crate) mod document;
+mod doors;
 pub(crate) mod error;
 pub(crate) mod fields;
 mod model;
+mod outputs;
 mod rewrite;
 pub(crate) mod schema;
 pub(crate) mod set;
@@ -37,6 +40,7 @@ mod tools;
 use std::path::Path;
 
 pub use build::{BuiltScene, PlacedMesh};
+pub use doors::{InletPart, SupplyPart};
 pub use error::{Located, Place, SceneError, Source};
 pub use model::{
     DomainPart, GeometryPart, GeometryShape, MeasurePart, MotionPart, Origin, PairPart, ParticlePart, Scene,
@@ -46,7 +50,7 @@ pub use rewrite::rewritten;
 pub use schema::schema;
 
 use check::{Checker, Known};
-use document::Node;
+use document::{Node, Value};
 
 use crate::input;
 
@@ -123,5 +127,13 @@ fn known(root: &Node) -> Known {
             materials.push(built_in.name);
         }
     }
-    Known { materials, surfaces: names("geometry") }
+    let stages = match root.get("stage").map(|node| &node.value) {
+        Some(Value::Array(stages)) => stages.as_slice(),
+        _ => &[],
+    };
+    let stages = stages.iter().filter_map(|stage| match &stage.get("name")?.value {
+        Value::Text(name) => Some(name.clone()),
+        _ => None,
+    });
+    Known { materials, surfaces: names("geometry"), stages: stages.collect(), outlets: names("outlet") }
 }

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use glebe_engine::exchange::Outlet;
+use glebe_engine::field::FieldSpec;
 use glebe_engine::generate::SizeDistribution;
 use glebe_engine::spec::{
     Component, Deformation, Drive, Frustum, Guards, Motion, Oscillation, Rotation, Sampling, Side, Step,
@@ -10,8 +12,10 @@ use glebe_engine::spec::{
 use glebe_physics::{ContactModel, LawChoice, Material, Mixing, PairLaws, PairOverride, ShearModulusRule};
 
 use super::check::{Checked, Checker, Record};
+use super::doors::{Doors, InletPart, doors};
 use super::error::{Located, Place, SceneError};
 use super::fields::{COMPONENTS, ENDS, HISTORIES, INTEGRATORS, MIXING_RULES, SHAPES, SHEAR_MODULI, SIDES};
+use super::outputs;
 use super::tools;
 use crate::tool::Tool;
 use crate::units::{self, Dimension};
@@ -52,12 +56,18 @@ pub struct Scene {
     pub local_damping: f64,
     /// Groups of particles.
     pub particles: Vec<ParticlePart>,
+    /// Where particles come in.
+    pub inlets: Vec<InletPart>,
+    /// Where they are taken away.
+    pub outlets: Vec<Outlet>,
     /// Tools and walls.
     pub geometry: Vec<GeometryPart>,
     /// What happens, in order.
     pub stages: Vec<StagePart>,
     /// How often the world is observed.
     pub sampling: Sampling,
+    /// Fields that are measured.
+    pub fields: Vec<FieldSpec>,
     /// Simulated time between checkpoints \[s\]; absent for stage ends only.
     pub checkpoint: Option<f64>,
     /// Wall time between checkpoints \[s\].
@@ -309,12 +319,15 @@ pub(crate) fn scene(file: &Record, checker: &mut Checker) -> Scene {
         local_damping: contact.number("local_damping"),
         particles: file.named("particles").iter().map(|(n, p)| particles(n, p, file, checker)).collect(),
         geometry: file.named("geometry").iter().map(|(n, g)| geometry(n, g, checker)).collect(),
+        inlets: Vec::new(),
+        outlets: Vec::new(),
         stages: Vec::new(),
         sampling: Sampling {
             series: output.number("series"),
             frames: output.number_if("frames"),
             energy_ledger: output.flag("energy_ledger"),
         },
+        fields: Vec::new(),
         checkpoint: output.number_if("checkpoint"),
         checkpoint_wall: output.number("checkpoint_wall"),
         checkpoint_history: output.flag("checkpoint_history"),
@@ -327,8 +340,21 @@ pub(crate) fn scene(file: &Record, checker: &mut Checker) -> Scene {
             pairs: file.named("pair").iter().map(|(_, p)| p.place("contact").clone()).collect(),
         },
     };
+    scene.fields = outputs::fields(&output, &scene.domain, checker);
     scene.stages = stages(file, &scene.geometry, checker);
     bonds_are_made(&scene, checker);
+    let Doors { inlets, outlets } = doors(file, scene.sampling.series, &scene.stages, checker);
+    (scene.inlets, scene.outlets) = (inlets, outlets);
+    if let Some(field) = output.list("field").first()
+        && scene.stages.iter().any(|stage| stage.deformation.is_some())
+    {
+        let message = "fields are on a grid that stands still, but the cell deforms in a stage";
+        checker.error(
+            SceneError::new("conflict", field.place("name"), message)
+                .label("this field")
+                .help("leave it out: series.csv has stress, strain and fabric of samples that deform"),
+        );
+    }
     sizes_fit_domain(file, &scene, checker);
     use_built_in(&mut scene);
     scene
@@ -459,8 +485,14 @@ fn domain(record: &Record, checker: &mut Checker) -> DomainPart {
 }
 
 /// `min` and `max` of a box, which must ascend along each axis.
-fn corners(record: &Record, path: &str, checker: &mut Checker) -> (Vec3, Vec3) {
+pub(super) fn corners(record: &Record, path: &str, checker: &mut Checker) -> (Vec3, Vec3) {
     let (min, max) = (record.vector("min"), record.vector("max"));
+    ascend(record, path, min, max, checker);
+    (min, max)
+}
+
+/// The corners of a box must ascend along each axis.
+pub(super) fn ascend(record: &Record, path: &str, min: Vec3, max: Vec3, checker: &mut Checker) {
     for (k, axis) in ["x", "y", "z"].into_iter().enumerate() {
         if min[k] >= max[k] {
             let message =
@@ -472,7 +504,6 @@ fn corners(record: &Record, path: &str, checker: &mut Checker) -> (Vec3, Vec3) {
             );
         }
     }
-    (min, max)
 }
 
 fn time(record: &Record) -> (Time, Guards) {
@@ -492,14 +523,8 @@ fn time(record: &Record) -> (Time, Guards) {
 
 fn particles(name: &Located<String>, record: &Record, file: &Record, checker: &mut Checker) -> ParticlePart {
     let material = record.located_if("material");
-    if let Some(material) = &material
-        && let Some((_, table)) = file.named("material").iter().find(|(n, _)| n.value == material.value)
-        && !table.written("density")
-    {
-        let message = format!("`{}` is a material of particles and has no density", material.value);
-        checker.error(SceneError::new("missing", &material.place, message).label("needs a density").help(
-            format!("write density = … in [material.{}], for example \"1850 kg/m^3\"", material.value),
-        ));
+    if let Some(material) = &material {
+        needs_density(material, file, checker);
     }
     let origin = match record.located_if("file") {
         Some(path) => Origin::File(Located { value: PathBuf::from(path.value), place: path.place }),
@@ -523,7 +548,19 @@ fn particles(name: &Located<String>, record: &Record, file: &Record, checker: &m
     }
 }
 
-fn sizes(record: &Record, checker: &mut Checker) -> SizeDistribution {
+/// Materials of particles have a density.
+pub(super) fn needs_density(material: &Located<String>, file: &Record, checker: &mut Checker) {
+    if let Some((_, table)) = file.named("material").iter().find(|(n, _)| n.value == material.value)
+        && !table.written("density")
+    {
+        let message = format!("`{}` is a material of particles and has no density", material.value);
+        checker.error(SceneError::new("missing", &material.place, message).label("needs a density").help(
+            format!("write density = … in [material.{}], for example \"1850 kg/m^3\"", material.value),
+        ));
+    }
+}
+
+pub(super) fn sizes(record: &Record, checker: &mut Checker) -> SizeDistribution {
     let Some(table) = record.table("radius") else {
         return SizeDistribution::Constant(record.number("radius"));
     };
@@ -856,6 +893,7 @@ fn use_built_in(scene: &mut Scene) {
         let defined = scene.materials.iter().any(|m| m.name == material.name);
         let named = scene.domain.material.iter().any(|m| *m == material.name)
             || scene.particles.iter().any(|p| p.material.as_ref() == Some(&material.name))
+            || scene.inlets.iter().any(|inlet| inlet.material() == Some(&material.name))
             || scene.geometry.iter().any(|g| g.material == material.name)
             || scene.pairs.iter().any(|p| p.materials.contains(&material.name));
         if named && !defined {

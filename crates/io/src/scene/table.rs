@@ -75,6 +75,8 @@ pub(crate) enum Names {
     New,
     Material,
     Surface,
+    Stage,
+    Outlet,
     /// Two materials with a dash between.
     Pair,
 }
@@ -249,6 +251,8 @@ impl Names {
             Self::New => "name",
             Self::Material => "material",
             Self::Surface => "surface",
+            Self::Stage => "stage",
+            Self::Outlet => "outlet",
             Self::Pair => "pair of materials",
         }
     }

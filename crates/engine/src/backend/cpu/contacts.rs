@@ -74,6 +74,8 @@ pub struct SurfacePull {
     pub boundary: u32,
     /// Triangle; of a shell the one that shows the contact.
     pub triangle: u32,
+    /// From the particle to where they touch \[m\].
+    pub branch: Vec3,
     /// Force on the particle \[N\].
     pub force: [f32; 3],
     /// Energy of the normal and of the tangential spring before the step's motion \[J\].
@@ -336,6 +338,7 @@ fn scatter_surfaces(
                 local,
                 boundary: m.boundary,
                 triangle: shown(&ph.c.boundaries[boundary], standing, m.arm, m.at.triangle),
+                branch: crate::lattice::scale(m.at.n, m.at.distance),
                 force,
                 energy: [lanes.energy_normal[l], lanes.energy_before[l]],
             });

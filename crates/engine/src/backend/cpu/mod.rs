@@ -31,7 +31,7 @@ use super::common::{
     unload,
 };
 use super::worlds::{World, Worlds};
-use super::{Detail, Moment, PhaseTimes};
+use super::{Detail, Link, Moment, PhaseTimes, Touch};
 use crate::cell::STEP_GROWTH;
 use crate::failure::Failure;
 use crate::lattice::norm;
@@ -184,10 +184,21 @@ impl World for CpuWorld {
                 let [i, j] = pair.of.map(|i| i as usize);
                 d.coordination[i] += 1;
                 d.coordination[j] += 1;
-                d.network.push(([self.p.id[i], self.p.id[j]], pair.force));
+                d.network.push(Link {
+                    id: [self.p.id[i], self.p.id[j]],
+                    branch: pair.branch,
+                    force: pair.force,
+                });
             }
             for pull in &f.surface {
-                d.coordination[block.first + pull.local as usize] += 1;
+                let i = block.first + pull.local as usize;
+                d.coordination[i] += 1;
+                d.touches.push(Touch {
+                    id: self.p.id[i],
+                    surface: pull.boundary,
+                    branch: pull.branch,
+                    force: pull.force,
+                });
                 if let Some(s) = self.c.boundaries[pull.boundary as usize].surface {
                     for k in 0..3 {
                         d.on_triangles[s][pull.triangle as usize][k] -= f64::from(pull.force[k]);

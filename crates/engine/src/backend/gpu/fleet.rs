@@ -162,8 +162,9 @@ impl<R: Runtime> GpuFleet<R> {
         // The same memory, however sums are rounded.
         let (groups, _) = grouped(worlds.iter(), |c| c, true);
         let needs = groups.into_iter().map(|(signature, worlds)| {
-            let rooms: Vec<Rooms> = worlds.iter().map(|c| first_rooms(c, c.count, worlds.len())).collect();
-            let counted: Vec<_> = worlds.iter().map(|c| ((*c).clone(), c.count)).collect();
+            let counted: Vec<_> = worlds.iter().map(|c| ((*c).clone(), with_newcomers(c, c.count))).collect();
+            let rooms: Vec<Rooms> =
+                counted.iter().map(|(c, count)| first_rooms(c, *count, worlds.len())).collect();
             let group = Group::allocate(&device, signature, &counted, &rooms);
             let b = group.b.all();
             // Tables, sums over a stretch, what surfaces feel in it, and where they stand.
@@ -225,6 +226,11 @@ fn grouped<W>(
 /// The most blocks of a step's launch that a world can come to need: of its particles, and of those near surfaces.
 pub fn most_blocks(count: usize) -> usize {
     2 * count.max(1).div_ceil(BLOCK as usize)
+}
+
+/// Particles that a world gets room for: where more come through inlets, half as many again.
+fn with_newcomers(c: &Constants, count: usize) -> usize {
+    if c.spec.inlets.is_empty() { count } else { count + count / 2 + BLOCK as usize }
 }
 
 /// A guess at what a world needs room for; a rebuild that needs more is repeated with more.
@@ -314,6 +320,10 @@ impl<R: Runtime> Fleet for GpuFleet<R> {
         let (g, w) = self.at[world];
         let group = &mut self.groups[g];
         if self.device.broken().is_some() {
+            return;
+        }
+        if state.particles.len() > (group.regions[w].blocks * BLOCK) as usize {
+            group.enlarge(&self.device, w, state);
             return;
         }
         group.put(&self.device, w, state);
@@ -428,7 +438,8 @@ impl Group {
         mut rooms: Vec<Rooms>,
     ) -> Self {
         loop {
-            let counted: Vec<_> = worlds.iter().map(|(c, s)| (c.clone(), s.particles.len())).collect();
+            let counted: Vec<_> =
+                worlds.iter().map(|(c, s)| (c.clone(), with_newcomers(c, s.particles.len()))).collect();
             let counts: Vec<usize> = counted.iter().map(|(_, count)| *count).collect();
             let mut group = Self::allocate(device, signature, &counted, &rooms);
             if device.broken().is_some() {
@@ -784,6 +795,30 @@ impl Group {
         for need in needs {
             widen(&mut rooms, &self.counts, need);
         }
+        self.lay_out_anew(device, rooms, w, given);
+    }
+
+    /// Takes memory for a world that has become too large for its part, and loads it.
+    fn enlarge<R: Runtime>(&mut self, device: &Device<R>, w: usize, given: &mut State) {
+        let mut rooms: Vec<Rooms> = self.regions.iter().map(|r| r.rooms).collect();
+        let (c, room) = (&self.worlds[w], rooms[w]);
+        let first = first_rooms(c, with_newcomers(c, given.particles.len()), self.worlds.len());
+        rooms[w] = Rooms {
+            lists: first.lists.max(room.lists),
+            rows: first.rows.max(room.rows),
+            facets: first.facets.max(room.facets),
+        };
+        self.lay_out_anew(device, rooms, w, given);
+    }
+
+    /// Takes other memory, carries the worlds over, and loads world `w`.
+    fn lay_out_anew<R: Runtime>(
+        &mut self,
+        device: &Device<R>,
+        rooms: Vec<Rooms>,
+        w: usize,
+        given: &mut State,
+    ) {
         let mut states: Vec<State> = (0..self.worlds.len())
             .map(|k| if k == w { std::mem::take(given) } else { self.state(device, k, &self.last[k]) })
             .collect();

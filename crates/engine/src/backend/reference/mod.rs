@@ -23,7 +23,7 @@ use super::common::{
     unload,
 };
 use super::worlds::{World, Worlds};
-use super::{Detail, Moment};
+use super::{Detail, Link, Moment, Touch};
 use crate::failure::Failure;
 use crate::lattice::{Lattice, Vec3x3, add, mul, norm, sub};
 use crate::measure::Tensors;
@@ -206,13 +206,23 @@ impl World for ReferenceWorld {
         }
         for contact in self.contacts_now() {
             d.coordination[contact.i] += 1;
+            let m = &contact.meeting;
             match contact.with {
                 Partner::Particle(j) => {
                     d.coordination[j] += 1;
-                    let ids = [self.bodies[contact.i].id, self.bodies[j].id];
-                    d.network.push((ids, narrow(contact.pull.force)));
+                    d.network.push(Link {
+                        id: [self.bodies[contact.i].id, self.bodies[j].id],
+                        branch: array(scaled(m.n, m.arm[0] + m.arm[1])),
+                        force: narrow(contact.pull.force),
+                    });
                 }
                 Partner::Surface { boundary, triangle } => {
+                    d.touches.push(Touch {
+                        id: self.bodies[contact.i].id,
+                        surface: boundary as u32,
+                        branch: array(scaled(m.n, m.arm[0])),
+                        force: narrow(contact.pull.force),
+                    });
                     if let Some(s) = self.c.boundaries[boundary].surface {
                         let (shape, standing) = (&self.c.boundaries[boundary], &self.standing[boundary]);
                         let triangle = shown(shape, standing, array(contact.arm), triangle as u32);
