@@ -349,6 +349,7 @@ mod tests {
             ("100 kN/m", Dimension::STIFFNESS, 1e5),
             ("10 N s/m", Dimension::DAMPING, 10.0),
             ("10 kg/s", Dimension::DAMPING, 10.0),
+            ("3.6 t/h", Dimension::MASS_RATE, 1.0),
             ("50 %", Dimension::NONE, 0.5),
             ("0.25", Dimension::NONE, 0.25),
             ("1e-3 m", Dimension::LENGTH, 1e-3),

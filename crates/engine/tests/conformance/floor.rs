@@ -85,9 +85,10 @@ fn assert_same(on: &Subject, what: &str, a: &[Vec<Body>], b: &[Vec<Body>]) {
             [norm(sub(a.x, b.x)) / RADIUS, norm(sub(a.v, b.v)) / SPEED, norm(sub(a.w, b.w)) * RADIUS / SPEED];
         assert!(
             off[0] < most.place && off[1] < most.velocity && off[2] < most.spin,
-            "{what}: sphere {} in frame {} is off by {off:.2?} (place, velocity, spin)",
+            "{what}: sphere {} in frame {} is off by {:?} (place, velocity, spin)",
             k % 3,
-            k / 3
+            k / 3,
+            off.map(|x| format!("{x:.1e}"))
         );
     }
 }
