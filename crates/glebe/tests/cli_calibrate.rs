@@ -10,41 +10,12 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use cli_common::disk::on_disks_that_fill;
-use cli_common::{Ended, Place, signal};
+use cli_common::{Ended, Place, ball_with, signal};
 use serde_json::Value;
 
 /// A ball falls on a floor without gravity: the mean force is (1 + e) m v over the time, the standard deviation tells
 /// how long the impact lasts, and so the stiffness.
-const DROP: &str = r#"
-[domain]
-min = [-0.05, -0.05, 0]
-max = [0.05, 0.05, 0.1]
-sides = { x = "open", y = "open", z = "open" }
-material = "ball"
-
-[time]
-step = "4 us"
-
-[material.ball]
-density = 2500
-youngs_modulus = "5 MPa"
-poissons_ratio = 0.3
-restitution = 0.6
-friction = 0.3
-
-[particles.ball]
-material = "ball"
-count = 1
-radius = "10 mm"
-fill = "lattice"
-velocity = [0, 0, -1]
-region = { min = [-0.01, -0.01, 0.0005], max = [0.01, 0.01, 0.0205] }
-
-[geometry.floor]
-plane = { point = [0, 0, 0], normal = [0, 0, 1] }
-material = "ball"
-
-[[stage]]
+const IMPACT: &str = r#"[[stage]]
 name = "bounce"
 duration = "6 ms"
 measure.force = { of = "floor.fz" }
@@ -58,7 +29,7 @@ const TRUTH: [(&str, f64); 2] = [("restitution", 0.6), ("stiffness", 5e6)];
 /// The truth's own measures as targets, and its parameters free.
 fn place() -> (Place, [f64; 2]) {
     let place = Place::new();
-    place.write("scene.toml", DROP);
+    place.write("scene.toml", ball_with(IMPACT));
     let truth =
         place.glebe(&["run", "scene.toml", "--out", "truth", "--json", "--no-cache"]).expect(0).json();
     let force = &truth["stages"][0]["measures"]["force"];
@@ -272,7 +243,7 @@ fn a_calibration_that_is_killed_again_and_again_or_lacks_room_ends_with_the_same
 #[test]
 fn failures_cost_nothing_but_themselves_and_experiments_share_parameters() {
     let (place, _) = place();
-    let faster = DROP.replace("velocity = [0, 0, -1]", "velocity = [0, 0, -2]");
+    let faster = ball_with(IMPACT).replace("velocity = [0, 0, -1]", "velocity = [0, 0, -2]");
     place.write("fast.toml", faster);
     let truth = place.glebe(&["run", "fast.toml", "--out", "fast", "--json", "--no-cache"]).expect(0).json();
     let fast = truth["stages"][0]["measures"]["force"]["mean"].as_f64().unwrap();

@@ -9,40 +9,11 @@ use std::fs;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use cli_common::{Ended, Place, signal};
+use cli_common::{Ended, Place, SAMPLE, ball_with, signal};
 use serde_json::Value;
 
 /// A ball falls on a floor without gravity: the force over time tells stiffness and restitution.
-const DROP: &str = r#"
-[domain]
-min = [-0.05, -0.05, 0]
-max = [0.05, 0.05, 0.1]
-sides = { x = "open", y = "open", z = "open" }
-material = "ball"
-
-[time]
-step = "4 us"
-
-[material.ball]
-density = 2500
-youngs_modulus = "5 MPa"
-poissons_ratio = 0.3
-restitution = 0.6
-friction = 0.3
-
-[particles.ball]
-material = "ball"
-count = 1
-radius = "10 mm"
-fill = "lattice"
-velocity = [0, 0, -1]
-region = { min = [-0.01, -0.01, 0.0005], max = [0.01, 0.01, 0.0205] }
-
-[geometry.floor]
-plane = { point = [0, 0, 0], normal = [0, 0, 1] }
-material = "ball"
-
-[[stage]]
+const IMPACT: &str = r#"[[stage]]
 name = "wait"
 duration = "0.2 ms"
 
@@ -86,7 +57,7 @@ fn columns<const N: usize>(place: &Place, file: &str, names: [&str; N]) -> Vec<[
 /// The truth's own force over the time since its stage began, in other units and at other times.
 fn place() -> Place {
     let place = Place::new();
-    place.write("scene.toml", DROP).write("study.toml", STUDY);
+    place.write("scene.toml", ball_with(IMPACT)).write("study.toml", STUDY);
     place.glebe(&["run", "scene.toml", "--out", "truth", "--no-cache"]).expect(0);
     let rows = columns(&place, "truth/series.csv", ["time", "stage", "floor.fz"]);
     let rows: Vec<[f64; 2]> =
@@ -187,36 +158,9 @@ fn a_calibration_to_a_curve_that_is_killed_ends_with_the_same_bytes() {
     assert!(!place.path("whole/samples").exists() && !place.path("whole/checkpoint").exists());
 }
 
-const GRAINS: &str = r#"
-seed = 1
-gravity = [0, 0, 0]
-
-[domain]
-min = [0, 0, 0]
-max = ["11.5 mm", "11.5 mm", "11.5 mm"]
-sides = { x = "periodic", y = "periodic", z = "periodic" }
-
-[material.grain]
-density = "2650 kg/m^3"
-youngs_modulus = "50 MPa"
-poissons_ratio = 0.3
-restitution = 0.2
-friction = 0.4
-
-[contact]
-local_damping = 0.3
-
-[particles.grains]
-material = "grain"
-count = 80
-radius = { uniform = ["1 mm", "1.5 mm"] }
-fill = "dense"
-
-[[stage]]
-name = "compress"
-cell = { stress = { xx = "100 kPa", yy = "100 kPa", zz = "100 kPa" }, inertial_number = 0.05 }
-until = { stress_within = 0.01, at_most = "1 s" }
-"#;
+fn grains() -> String {
+    SAMPLE.replace("friction = 0.5", "friction = 0.4")
+}
 
 const SAMPLES: &str = r#"scene = "grains.toml"
 
@@ -286,7 +230,7 @@ fn triaxial(grains: &str, samples: &str, scatters: [&str; 2]) -> Place {
 /// Both confining pressures of a round are one batch, and a round that was killed goes on from its own journal.
 #[test]
 fn triaxial_curves_are_met_and_a_killed_round_goes_on() {
-    let place = triaxial(GRAINS, SAMPLES, ["1e3", "5e-5"]);
+    let place = triaxial(&grains(), SAMPLES, ["1e3", "5e-5"]);
     let check = place.glebe(&["check", "study.toml", "--device", "cpu"]);
     check.expect(0);
     assert!(check.stdout.contains("experiments  2 with 160 particles"), "{}", check.stdout);
@@ -342,7 +286,7 @@ fn triaxial_curves_are_met_and_a_killed_round_goes_on() {
 #[test]
 #[ignore = "takes a minute where others work too"]
 fn the_parameters_of_a_triaxial_test_are_found() {
-    let grains = GRAINS.replace("count = 80", "count = 120").replace("11.5 mm", "13.2 mm");
+    let grains = grains().replace("count = 80", "count = 120").replace("11.5 mm", "13.2 mm");
     let samples = SAMPLES.replace("strain = 0.02", "strain = 0.06");
     let place = triaxial(&grains, &samples, ["2e3", "2e-4"]);
     let study = fs::read_to_string(place.path("study.toml")).unwrap();

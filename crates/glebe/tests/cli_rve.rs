@@ -10,39 +10,8 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use cli_common::disk::on_disks_that_fill;
-use cli_common::{Ended, Place, signal};
+use cli_common::{Ended, Place, SAMPLE, signal};
 use serde_json::Value;
-
-/// Eighty soft grains.
-const SCENE: &str = r#"
-gravity = [0, 0, 0]
-
-[domain]
-min = [0, 0, 0]
-max = ["11.5 mm", "11.5 mm", "11.5 mm"]
-sides = { x = "periodic", y = "periodic", z = "periodic" }
-
-[material.grain]
-density = "2650 kg/m^3"
-youngs_modulus = "50 MPa"
-poissons_ratio = 0.3
-restitution = 0.2
-friction = 0.5
-
-[contact]
-local_damping = 0.3
-
-[particles.grains]
-material = "grain"
-count = 80
-radius = { uniform = ["1 mm", "1.5 mm"] }
-fill = "dense"
-
-[[stage]]
-name = "compress"
-cell = { stress = { xx = "100 kPa", yy = "100 kPa", zz = "100 kPa" }, inertial_number = 0.05 }
-until = { stress_within = 0.01, at_most = "1 s" }
-"#;
 
 /// Two void ratios with two seeds each.
 const STUDY: &str = r#"title = "Triaxial tests"
@@ -72,7 +41,7 @@ values = [0.54, 0.62]
 
 fn place() -> Place {
     let place = Place::new();
-    place.write("scene.toml", SCENE).write("study.toml", STUDY);
+    place.write("scene.toml", SAMPLE).write("study.toml", STUDY);
     place
 }
 
@@ -261,12 +230,12 @@ fn a_study_of_samples_is_refused_before_anything_is_written() {
     place.glebe(&["rve", "seeds.toml"]).expect(2).says(&["`seed` cannot be the name of a parameter"]);
     place.write(
         "walls.toml",
-        SCENE
+        SAMPLE
             .replace("z = \"periodic\"", "z = \"wall\"")
             .replace("[domain]", "[domain]\nmaterial = \"steel\""),
     );
     says(&["scene=walls.toml"], &["periodic"]);
-    let fixed = SCENE.replace("fill = \"dense\"", "fill = \"dense\"\nseed = 3");
+    let fixed = SAMPLE.replace("fill = \"dense\"", "fill = \"dense\"\nseed = 3");
     place.write("fixed.toml", fixed);
     says(&["scene=fixed.toml"], &["the same sample again"]);
     place.glebe(&["sweep", "study.toml"]).expect(2).says(&["glebe rve"]);

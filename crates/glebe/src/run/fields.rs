@@ -3,11 +3,10 @@
 use glebe_engine::Constants;
 use glebe_engine::batch::{Frame, Sample};
 use glebe_engine::field::{Field, Point};
+use glebe_io::output::columns::SYMMETRIC;
 use glebe_io::output::vti::ImageData;
 use glebe_io::output::vtp::{Column, Values};
 use glebe_io::output::{Cell, Collection, FrameWriter, OutputDir, OutputError, file_word, write_table};
-
-use glebe_io::output::columns::SYMMETRIC;
 
 /// The fields of a run.
 pub(super) struct Fields {

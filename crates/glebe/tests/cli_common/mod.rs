@@ -238,3 +238,69 @@ pub fn some_time(most: u32) -> Duration {
 pub fn signal(child: &Child, name: &str) {
     assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
 }
+
+/// The scene of a ball above a floor without gravity, with `stages` and what they leave.
+pub fn ball_with(stages: &str) -> String {
+    const BALL: &str = r#"
+[domain]
+min = [-0.05, -0.05, 0]
+max = [0.05, 0.05, 0.1]
+sides = { x = "open", y = "open", z = "open" }
+material = "ball"
+
+[time]
+step = "4 us"
+
+[material.ball]
+density = 2500
+youngs_modulus = "5 MPa"
+poissons_ratio = 0.3
+restitution = 0.6
+friction = 0.3
+
+[particles.ball]
+material = "ball"
+count = 1
+radius = "10 mm"
+fill = "lattice"
+velocity = [0, 0, -1]
+region = { min = [-0.01, -0.01, 0.0005], max = [0.01, 0.01, 0.0205] }
+
+[geometry.floor]
+plane = { point = [0, 0, 0], normal = [0, 0, 1] }
+material = "ball"
+
+"#;
+    [BALL, stages].concat()
+}
+
+/// Eighty soft grains, periodic along all axes.
+pub const SAMPLE: &str = r#"
+gravity = [0, 0, 0]
+
+[domain]
+min = [0, 0, 0]
+max = ["11.5 mm", "11.5 mm", "11.5 mm"]
+sides = { x = "periodic", y = "periodic", z = "periodic" }
+
+[material.grain]
+density = "2650 kg/m^3"
+youngs_modulus = "50 MPa"
+poissons_ratio = 0.3
+restitution = 0.2
+friction = 0.5
+
+[contact]
+local_damping = 0.3
+
+[particles.grains]
+material = "grain"
+count = 80
+radius = { uniform = ["1 mm", "1.5 mm"] }
+fill = "dense"
+
+[[stage]]
+name = "compress"
+cell = { stress = { xx = "100 kPa", yy = "100 kPa", zz = "100 kPa" }, inertial_number = 0.05 }
+until = { stress_within = 0.01, at_most = "1 s" }
+"#;
