@@ -95,6 +95,9 @@ pub struct SurfaceSample {
     pub pose: Pose,
     /// Whether it is there.
     pub present: bool,
+    /// Volume that it has lost to wear since the start \[m³\], if it wears.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wear: Option<f64>,
 }
 
 /// What a world shows at a frame.
@@ -649,6 +652,7 @@ impl World {
                     path: g.path[s],
                     pose: placed.pose,
                     present: g.surfaces[s].present,
+                    wear: g.worn(&c, s).map(|facets| facets.iter().sum()),
                 }
             })
             .collect();

@@ -160,6 +160,9 @@ impl State {
         need([g.surfaces.len(), g.path.len(), g.impulse.len()] == [surfaces; 3], "its surfaces")?;
         let doors = [c.spec.inlets.len(), c.spec.outlets.len()];
         need([g.inlets.len(), g.outlets.len()] == doors, "its inlets and outlets")?;
+        let listed = if c.lists_wear() { surfaces } else { 0 };
+        let facets = |(s, worn): (usize, &Vec<f64>)| worn.len() == c.unworn(s).len();
+        need(g.wear.len() == listed && g.wear.iter().enumerate().all(facets), "its wear")?;
         let since = g.surfaces.iter().map(|s| s.since).chain([g.stage_since, g.rebuilt]);
         let since = since.chain(g.inlets.iter().map(|inlet| inlet.since)).max();
         need(since <= Some(g.step), "its steps")?;

@@ -14,6 +14,11 @@
 //! looks at the stress and sets a rate for the steps to come, in proportion to what is missing, with a part that adds
 //! up. What a strain would do to the stress it takes from the sample: the stiffness of its contacts, as if each
 //! particle had six.
+//!
+//! Its rates are at most those of the stage's inertial number, and what the prescribed rates may ask for besides. A
+//! sample dissipates: against a held stress σₕ it gives no more work than prescribed rates put in, `σₕ |ε̇ₕ| ≤ Σ σ
+//! ε̇`. So one that dilates at a ratio R of stresses may widen R times as fast as it is shortened, and no limit may
+//! be below.
 
 use serde::{Deserialize, Serialize};
 
@@ -100,8 +105,8 @@ impl Cell {
         let pressure = (0..3).map(|k| stress(t, k)).sum::<f64>() / (3.0 * volume);
         let scale = d.targets().map(|(_, target)| target.abs()).fold(0.0, f64::max);
         let scale = if scale > 0.0 { scale } else { pressure.max(0.0) };
-        let limit = (d.inertial_number / (2.0 * c.radius_mean) * (scale / c.density_mean).sqrt())
-            .min(STRAIN_PER_STEP / c.dt);
+        let own = d.inertial_number / (2.0 * c.radius_mean) * (scale / c.density_mean).sqrt();
+        let limit = (own + power(d, t) / volume / scale.max(f64::MIN_POSITIVE)).min(STRAIN_PER_STEP / c.dt);
         // The mean field of an isotropic sample with six contacts a particle: a fifth of Σ k d²/V against a strain
         // along an axis, a fifteenth against an angle.
         let contacts = 3.0 * t.particles as f64;
@@ -154,6 +159,15 @@ impl Cell {
 fn stress(t: &Tensors, component: usize) -> f64 {
     let [a, b] = COMPONENTS[component];
     0.5 * (t.contact[a][b] + t.contact[b][a] + t.kinetic[a][b] + t.kinetic[b][a])
+}
+
+/// What prescribed rates put into the sample \[W\], or 0 if they take out.
+fn power(d: &Deformation, t: &Tensors) -> f64 {
+    let put_in = |(k, drive): (usize, &Drive)| match drive {
+        Drive::Rate(rate) => rate * stress(t, k),
+        Drive::Stress(_) => 0.0,
+    };
+    d.drive.iter().enumerate().map(put_in).sum::<f64>().max(0.0)
 }
 
 /// How far the stresses are from those that a servo goes for, as a share of the largest of these.

@@ -5,6 +5,9 @@
 //! from checkpoints, bit for bit. Particles keep their numbers, and new ones get the next; what contacts of the others
 //! remember stays as it is.
 
+mod ahead;
+mod faces;
+
 use std::collections::HashMap;
 
 use serde::{Deserialize, Serialize};
@@ -15,7 +18,7 @@ use crate::failure::SetupError;
 use crate::generate::{Purpose, Rng, SizeDistribution, solid_volume};
 use crate::lattice::{add, cross, dot, norm, scale, sub};
 use crate::setup::{BoundaryShape, Constants};
-use crate::spec::{MaterialId, Side, Vec3, WorldSpec};
+use crate::spec::{MaterialId, Shape, Side, Vec3, WorldSpec};
 use crate::state::{Place, Progress, Spin, State, Velocity};
 use crate::surface::{Span, rotate};
 
@@ -107,6 +110,9 @@ pub enum Room {
         /// \[m\]
         limit: f64,
     },
+    /// The faces of a mesh (index into [`WorldSpec::surfaces`]), on the side of their normals; for inlets only. Faces count
+    /// where they stand, whether the mesh is there or waits.
+    Surface(usize),
 }
 
 /// What has gone through an inlet or outlet.
@@ -178,6 +184,7 @@ impl Room {
             }
             Self::Sphere { center, radius } => norm(sub(x, center)) <= radius,
             Self::Beyond { axis, limit } => dot(x, axis) > limit,
+            Self::Surface(_) => false,
         }
     }
 
@@ -193,7 +200,7 @@ impl Room {
                 Some([end(f64::min, -1.0), end(f64::max, 1.0)])
             }
             Self::Sphere { center, radius } => Some([-radius, radius].map(|r| center.map(|x| x + r))),
-            Self::Beyond { .. } => None,
+            Self::Beyond { .. } | Self::Surface(_) => None,
         }
     }
 
@@ -203,7 +210,7 @@ impl Room {
             Self::Box { min, max } => 0.5 * (0..3).map(|k| max[k] - min[k]).fold(f64::INFINITY, f64::min),
             Self::Cylinder { from, to, radius } => radius.min(0.5 * norm(sub(to, from))),
             Self::Sphere { radius, .. } => radius,
-            Self::Beyond { .. } => f64::INFINITY,
+            Self::Beyond { .. } | Self::Surface(_) => f64::INFINITY,
         }
     }
 
@@ -228,7 +235,7 @@ impl Room {
             Self::Sphere { center, radius: shell } => {
                 add(center, in_ball(rng, (shell - radius).max(0.0), |x| x))
             }
-            Self::Beyond { .. } => [0.0; 3],
+            Self::Beyond { .. } | Self::Surface(_) => [0.0; 3],
         }
     }
 }
@@ -380,7 +387,12 @@ impl Constants {
     /// Brings what inlet `i` owes, as long as there is room; returns its energy \[J\].
     fn bring(&self, i: usize, state: &mut State) -> f64 {
         let inlet = &self.spec.inlets[i];
-        let Some(bounds) = inlet.room.bounds() else { return 0.0 };
+        let faces = match inlet.room {
+            Room::Surface(s) => self.faces(s, &state.progress),
+            _ => None,
+        };
+        let bounds = faces.as_ref().map_or_else(|| inlet.room.bounds(), |f| Some(f.bounds(self.radius_max)));
+        let Some(bounds) = bounds else { return 0.0 };
         let mut rng = Rng::of(self.spec.seed, Purpose::InletPlaces, [i as u64, state.progress.step]);
         let domain = &self.spec.domain;
         let wraps = [0, 1, 2].map(|k| {
@@ -395,7 +407,11 @@ impl Constants {
         while let Some(next) = self.next(i, &state.progress) {
             let radius = f64::from(next.radius);
             let free = |x: &Vec3| crowd.free(*x, radius) && !self.meets_surface(&state.progress, *x, radius);
-            let found = (0..TRIALS).map(|_| inlet.room.draw(radius, wraps, &mut rng)).find(free);
+            let draw = |_| match &faces {
+                Some(faces) => faces.draw(radius, &mut rng),
+                None => inlet.room.draw(radius, wraps, &mut rng),
+            };
+            let found = (0..TRIALS).map(draw).find(|x| self.holds(x, radius) && free(x));
             let Some(x) = found else { break };
             crowd.add(x, radius);
             entered += self.push(state, &next, x, inlet.velocity);
@@ -410,6 +426,17 @@ impl Constants {
             came.made += u64::from(inlet.supply.grains().is_some());
         }
         entered
+    }
+
+    /// Whether a sphere is within the sides of the domain that are not periodic.
+    fn holds(&self, x: &Vec3, radius: f64) -> bool {
+        let domain = &self.spec.domain;
+        (0..3).filter(|&k| domain.sides[k][0] != Side::Periodic).all(|k| {
+            let low = domain.origin[k];
+            // What fills a region to its last digit is in it.
+            let slack = 1e-9 * domain.cell[k][k];
+            x[k] - radius >= low - slack && x[k] + radius <= low + domain.cell[k][k] + slack
+        })
     }
 
     /// Adds a particle; returns its energy \[J\].
@@ -493,10 +520,13 @@ impl<'a> Crowd<'a> {
 
 /// Refuses inlets and outlets that cannot work.
 pub(crate) fn check(spec: &WorldSpec) -> Result<(), SetupError> {
-    let bad = |what: String| Err(SetupError::Invalid(what));
     let rooms = spec.outlets.iter().map(|o| ("outlet", &o.name, &o.room, o.every, &o.stages));
     let all = spec.inlets.iter().map(|i| ("inlet", &i.name, &i.room, i.every, &i.stages)).chain(rooms);
     for (kind, name, room, every, stages) in all {
+        let bad = |why| Err(SetupError::Door { name: name.to_owned(), why });
+        if kind == "outlet" && matches!(room, Room::Surface(_)) {
+            return bad(format!("the outlet `{name}` is on a surface; give it a part of space"));
+        }
         let numbers = room.bounds().into_iter().flatten().flatten().chain([room.fits(), every]);
         let mut finite = numbers.filter(|x| *x != f64::INFINITY);
         if !(room.fits() > 0.0 && every > 0.0 && finite.all(f64::is_finite)) {
@@ -511,7 +541,21 @@ pub(crate) fn check(spec: &WorldSpec) -> Result<(), SetupError> {
     }
     for (i, inlet) in spec.inlets.iter().enumerate() {
         let name = &inlet.name;
-        let Some(bounds) = inlet.room.bounds() else {
+        let bad = |why| Err(SetupError::Door { name: name.clone(), why });
+        if let Room::Surface(s) = inlet.room {
+            let surface = spec.surfaces.get(s);
+            if !surface.is_some_and(|surface| matches!(surface.shape, Shape::Mesh(_))) {
+                let why = format!(
+                    "the inlet `{name}` is on a surface that is no mesh; planes, cylinders and cones have no faces that \
+                     particles could come off: take a mesh, or a region beside it"
+                );
+                return bad(why);
+            }
+        }
+        // Faces may move; what comes off them beyond the domain finds no room.
+        let everywhere = [spec.domain.origin; 2];
+        let on_faces = matches!(inlet.room, Room::Surface(_)).then_some(everywhere);
+        let Some(bounds) = inlet.room.bounds().or(on_faces) else {
             return bad(format!("the inlet `{name}` has no end; give it a box, a cylinder or a sphere"));
         };
         for (k, axis) in ['x', 'y', 'z'].into_iter().enumerate() {

@@ -76,6 +76,14 @@ pub enum SetupError {
         /// What is wrong and what to do.
         why: String,
     },
+    /// An inlet or outlet cannot work.
+    #[error("{why}")]
+    Door {
+        /// Its name.
+        name: String,
+        /// What is wrong and what to do.
+        why: String,
+    },
     /// Something else in the specification.
     #[error("{0}")]
     Invalid(String),

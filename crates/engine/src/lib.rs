@@ -15,10 +15,12 @@ pub mod poses;
 pub mod spec;
 pub mod state;
 pub mod surface;
+pub mod wear;
 
 mod bonds;
 mod bytes;
 mod failure;
+mod lacey;
 mod setup;
 mod speed;
 mod survey;

@@ -11,8 +11,8 @@ use crate::exchange::{self, Flow, InletState};
 use crate::failure::SetupError;
 use crate::lattice::{Lattice, Vec3x3, add, cross, dot, mul, norm, scale, sub};
 use crate::spec::{
-    Action, Component, Frustum, Motion, ParticleSet, Pose, Shape, Side, Step, Surface, Surveyed, TriMesh,
-    Vec3, WorldSpec,
+    Action, Class, Component, Frustum, Motion, ParticleSet, Pose, Shape, Side, Step, Surface, Surveyed,
+    TriMesh, Vec3, WorldSpec,
 };
 use crate::speed;
 use crate::state::{MeasureState, Particles, Place, Progress, Spin, State, SurfaceState, Velocity};
@@ -37,6 +37,8 @@ pub const SKIN_START: f64 = 0.3;
 /// Most particle sizes a list level spans: radii within a level differ at most by this factor.
 pub const LEVEL_RATIO: f64 = 2.0;
 
+/// Most samples of a Lacey index; each takes 16 bytes.
+const MOST_SAMPLES: usize = 10_000_000;
 /// Names of the axes in messages.
 const AXES: [char; 3] = ['x', 'y', 'z'];
 /// Most periods that a mesh may be long: beyond, a file in the wrong unit is likelier than a tool.
@@ -329,6 +331,10 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         measures: vec![MeasureState::default(); spec.stages.first().map_or(0, |s| s.measures.len())],
         inlets: vec![InletState::default(); spec.inlets.len()],
         outlets: vec![Flow::default(); spec.outlets.len()],
+        wear: (0..spec.surfaces.len())
+            .filter(|_| constants.lists_wear())
+            .map(|s| constants.unworn(s))
+            .collect(),
         stale: true,
         skin: SKIN_START * radius_mean,
         cell: constants.deforms().then(|| {
@@ -433,6 +439,11 @@ fn check_materials(spec: &WorldSpec) -> Result<(), SetupError> {
             }
         }
     }
+    if let Some(k) = spec.wear.iter().find(|k| !(k.is_finite() && **k >= 0.0)) {
+        return Err(SetupError::Invalid(format!(
+            "the wear of a material is {k} 1/Pa, coefficient over hardness; allowed is 0 or more"
+        )));
+    }
     if spec.stages.is_empty() {
         return Err(SetupError::Invalid("the world has no stage: nothing would happen".to_owned()));
     }
@@ -518,12 +529,38 @@ fn check_references(spec: &WorldSpec) -> Result<(), SetupError> {
                 Surveyed::BulkDensity { min, max } if (0..3).any(|k| min[k] >= max[k]) => {
                     "of a box without a volume"
                 }
+                Surveyed::LaceyIndex { class, min, max, samples } => {
+                    match lacey_wrong(spec, class, [min, max], samples) {
+                        Some(wrong) => wrong,
+                        None => continue,
+                    }
+                }
                 _ => continue,
             };
             return bad(format!("the survey `{}` of the stage `{}` is {wrong}", survey.name, stage.name));
         }
     }
     Ok(())
+}
+
+/// What is wrong with a Lacey index, if anything.
+fn lacey_wrong(
+    spec: &WorldSpec,
+    class: Class,
+    [min, max]: [Vec3; 2],
+    samples: [usize; 3],
+) -> Option<&'static str> {
+    let stranger = matches!(class, Class::Material(material) if material >= spec.materials.len());
+    let product = samples.iter().try_fold(1_usize, |product, n| product.checked_mul(*n));
+    if stranger {
+        Some("of a material that does not exist")
+    } else if (0..3).any(|k| min[k] >= max[k]) {
+        Some("of a box without a volume")
+    } else if !product.is_some_and(|n| (2..=MOST_SAMPLES).contains(&n)) {
+        Some("over fewer than two samples, or more than ten million")
+    } else {
+        None
+    }
 }
 
 fn check_particles(spec: &WorldSpec) -> Result<(), SetupError> {

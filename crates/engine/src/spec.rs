@@ -61,6 +61,11 @@ pub struct WorldSpec {
     pub throughput: bool,
     /// Fields that are measured.
     pub fields: Vec<FieldSpec>,
+    /// Whether frames show contacts.
+    pub network: bool,
+    /// By material, what surfaces of it lose to wear: volume over the work of sliding on them, Archard's `k / H`
+    /// \[1/Pa\]; 0 for none, and empty where nothing wears.
+    pub wear: Vec<f64>,
 }
 
 impl WorldSpec {
@@ -87,6 +92,8 @@ impl WorldSpec {
             sampling: Sampling::default(),
             throughput: false,
             fields: Vec::new(),
+            network: false,
+            wear: Vec::new(),
         }
     }
 }
@@ -346,9 +353,9 @@ pub struct Deformation {
     /// What drives each component: xx, yy, zz, yz, xz, xy. Strain and stress are positive in compression; the rate of a
     /// shear component is that of the angle, twice that of the strain tensor.
     pub drive: [Drive; 6],
-    /// Largest inertial number `I = ε̇ 2r √(ρ/σ)` that the servo may cause \[-\], with the mean radius and density and
-    /// the largest target (Lubbe et al., Powder Technology 2022, doi 10.1016/j.powtec.2022.117631, whose eq. 20 has it
-    /// inverted).
+    /// Largest inertial number `I = ε̇ 2r √(ρ/σ)` that the servo may cause \[-\], apart from what prescribed rates ask
+    /// for ([`cell`](crate::cell)), with the mean radius and density and the largest target (Lubbe et al., Powder
+    /// Technology 2022, doi 10.1016/j.powtec.2022.117631, whose eq. 20 has it inverted).
     pub inertial_number: f64,
     /// Steps between two acts of the servo, ≥ 1. They are part of the physics: the same on every backend.
     pub control_steps: u64,
@@ -452,6 +459,27 @@ pub enum Surveyed {
         /// Corner of largest coordinates \[m\].
         max: Vec3,
     },
+    /// How a class of particles is mixed with the others, by volume over a grid of samples \[-\]: 0 where every sample holds
+    /// one class alone, 1 for a mixture at random. None where there is one class or one sample.
+    LaceyIndex {
+        /// The class.
+        class: Class,
+        /// Corner of least coordinates \[m\].
+        min: Vec3,
+        /// Corner of largest coordinates \[m\].
+        max: Vec3,
+        /// Samples along each axis, ≥ 1.
+        samples: [usize; 3],
+    },
+}
+
+/// A class of particles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Class {
+    /// Those of a material.
+    Material(MaterialId),
+    /// Those of a larger radius \[m\].
+    RadiusAbove(f64),
 }
 
 impl Surveyed {
@@ -460,6 +488,7 @@ impl Surveyed {
         match self {
             Self::AngleOfRepose => "rad",
             Self::BulkDensity { .. } => "kg/m^3",
+            Self::LaceyIndex { .. } => "1",
         }
     }
 }

@@ -343,6 +343,10 @@ pub struct Progress {
     /// What outlets took, in the order of the specification.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub outlets: Vec<Flow>,
+    /// Work of sliding on each facet of each surface \[J\]; empty for those that do not wear, and altogether where nothing
+    /// does.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub wear: Vec<Vec<f64>>,
     /// The cell, where it deforms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell: Option<Cell>,

@@ -1,6 +1,8 @@
-//! What particles come to at the end of a stage: the slope of a heap, the mass in a box.
+//! What particles come to at the end of a stage: the slope of a heap, the mass in a box, how they are
+//! mixed.
 
 use crate::batch::positions;
+use crate::lacey;
 use crate::lattice::{dot, norm, sub};
 use crate::setup::Constants;
 use crate::spec::{Surveyed, Vec3};
@@ -34,6 +36,9 @@ pub fn survey(c: &Constants, state: &State, of: &Surveyed) -> Option<f64> {
             };
             let volume: f64 = (0..3).map(|k| max[k] - min[k]).product();
             places.iter().enumerate().map(mass).sum::<f64>() / volume
+        }
+        Surveyed::LaceyIndex { class, min, max, samples } => {
+            lacey::index(state, &places, *class, [*min, *max], *samples)?
         }
     };
     value.is_finite().then_some(value)

@@ -300,3 +300,87 @@ fn check_schema_and_new_know_calibrations() {
         place.glebe(&["check", &format!("{folder}/study.toml")]).expect(0);
     }
 }
+
+/// With a surrogate fewer evaluations are simulated; what it says is marked, and what is answered was simulated. Killed and
+/// resumed, it decides as if it had never been stopped.
+#[test]
+fn a_surrogate_saves_simulations_and_what_it_says_is_marked() {
+    let (place, _) = place();
+    let sets = ["method.differential-evolution={ population = 16 }", "stop.cost=0.5", "stop.rounds=60"];
+    let plain = place.glebe(&[&calibrate("plain", &sets)[..], &["--json"]].concat()).expect(0).json();
+    let sets = [&sets[..], &["surrogate={}"]].concat();
+    let found = place.glebe(&calibrate("out", &sets));
+    found.expect(0).says(&["by the surrogate"]);
+    assert!(found.stdout.contains("the surrogate stood for"), "{}", found.stdout);
+    let summary = place.summary("out");
+    assert_eq!((&plain["ended_by"], &summary["ended_by"]), (&"cost".into(), &"cost".into()));
+    for (name, truth) in TRUTH {
+        let ratio = of(&summary, name)["best"].as_f64().unwrap() / truth;
+        assert!((ratio - 1.0).abs() < 0.02, "{name} is {ratio} of the truth");
+    }
+    let report = &summary["surrogate"];
+    let count = |key: &str| report[key].as_u64().unwrap();
+    let all = plain["counts"]["evaluations"].as_u64().unwrap();
+    assert!(4 * count("simulated") < 3 * all, "{report} instead of {all}");
+    assert_eq!(count("predicted"), summary["counts"]["predicted"].as_u64().unwrap());
+    assert!(count("checked") >= count("predicted") / 10, "{report}");
+    assert_eq!(report["targets"].as_array().unwrap().len(), 2);
+    let table = fs::read_to_string(place.path("out/evaluations.csv")).unwrap();
+    let predicted: Vec<Vec<&str>> = table
+        .lines()
+        .filter(|line| line.contains("predicted"))
+        .map(|line| line.split(',').collect())
+        .collect();
+    assert_eq!(predicted.len() as u64, count("predicted"));
+    let best = summary["best"][0]["cost"].as_f64().unwrap();
+    for row in &predicted {
+        // Without a state, since nothing was run; and never the best.
+        assert!(row[8].starts_with("cost within") && row[9].is_empty(), "{row:?}");
+        assert!(row[6].parse::<f64>().unwrap() > best, "{row:?}");
+    }
+    for agent in summary["best"].as_array().unwrap() {
+        let row = table.lines().nth(1 + agent["evaluation"].as_u64().unwrap() as usize).unwrap();
+        assert!(row.contains(",done,"), "{row}");
+    }
+    assert_eq!(ended(&place, "out") as u64, count("simulated"));
+    // Stopped after it was first asked.
+    let parts = calibrate("parts", &sets);
+    let child = place.command(&[&parts[..], &["--threads", "1"]].concat()).spawn().unwrap();
+    let started = Instant::now();
+    while ended(&place, "parts") < 40 {
+        assert!(started.elapsed() < Duration::from_secs(60), "not after a minute");
+        sleep(Duration::from_millis(1));
+    }
+    signal(&child, "-KILL");
+    Ended::of(&child.wait_with_output().unwrap()).expect(-1);
+    place.glebe(&[&parts[..], &["--resume"]].concat()).expect(0);
+    assert_eq!(bytes(&place, "parts/evaluations.csv"), bytes(&place, "out/evaluations.csv"));
+    assert_eq!(place.summary("parts")["surrogate"], *report);
+    // It is part of what makes the results.
+    let other = [&parts[..], &["--resume", "--set", "surrogate.spread=0.2"]].concat();
+    place.glebe(&other).expect(2).says(&["belong to another study"]);
+    place
+        .glebe(&[&parts[..], &["--set", "surrogate.spread=0"]].concat())
+        .expect(2)
+        .says(&["surrogate.spread"]);
+}
+
+/// The intervals of a filter tell how much of them stands on predictions.
+#[test]
+fn intervals_that_stand_on_a_surrogate_are_marked() {
+    let (place, _) = place();
+    let sets = ["method.bayesian-filter={ samples = 64 }", "stop.rounds=7", "surrogate.after=64"];
+    let summary = place.glebe(&[&calibrate("out", &sets)[..], &["--json"]].concat()).expect(0).json();
+    let share = summary["surrogate"]["posterior"].as_f64().unwrap();
+    assert!(
+        share > 0.0 && share < 1.0 && summary["surrogate"]["saved"].as_f64().unwrap() > 0.25,
+        "{summary:#}"
+    );
+    for (name, truth) in TRUTH {
+        let posterior = &of(&summary, name)["posterior"];
+        assert_eq!(posterior["predicted"].as_f64().unwrap(), share);
+        let interval = [0, 1].map(|k| posterior["credible_95"][k].as_f64().unwrap());
+        assert!(interval[0] < truth && truth < interval[1], "{name}: {interval:?}");
+        assert!((posterior["median"].as_f64().unwrap() / truth - 1.0).abs() < 0.02, "{name}: {posterior}");
+    }
+}

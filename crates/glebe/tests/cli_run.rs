@@ -13,7 +13,11 @@ use glebe::engine::state::State;
 use glebe::io::checkpoint;
 
 use cli_common::disk::on_disks_that_fill;
-use cli_common::{Ended, Place, SCENE, series, signal, some_time};
+use cli_common::{Ended, Place, SCENE, series, signal, some_number};
+
+/// What makes the push last long enough that a signal comes before its end, whatever the machine.
+const SLOW: [&str; 4] =
+    ["--set", "stage.push.duration=1.5", "--set", "stage.push.move.block.velocity=[0.1, 0, 0]"];
 
 /// Waits until the run has written so many rows of its series.
 fn wait_for_rows(place: &Place, out: &str, rows: usize) {
@@ -55,22 +59,21 @@ stages = ["push"]
 fn a_run_that_is_interrupted_and_resumed_ends_with_the_same_bits() {
     let place = Place::new();
     place.write("scene.toml", SCENE);
-    let whole = place.glebe(&["run", "scene.toml", "--out", "whole", "--no-cache", "--json"]);
+    let run = |out: &'static str| [&["run", "scene.toml", "--no-cache", "--out", out], &SLOW[..]].concat();
+    let whole = place.glebe(&[&run("whole")[..], &["--json"]].concat());
     let whole = whole.expect(0).json();
     assert_eq!(whole["status"], "done");
 
-    let run = ["run", "scene.toml", "--out", "parts", "--no-cache"];
-    let mut args = run.to_vec();
+    let mut args = run("parts");
     for name in ["-INT", "-TERM"] {
         let rows = fs::read_to_string(place.path("parts/series.csv")).map_or(0, |t| t.lines().count());
         let child = place.command(&args).spawn().unwrap();
-        wait_for_rows(&place, "parts", rows + 20);
-        sleep(some_time(200));
+        wait_for_rows(&place, "parts", rows + 20 + some_number(300) as usize);
         signal(&child, name);
         let ended = Ended::of(&child.wait_with_output().unwrap());
         ended.expect(130).says(&["--resume"]);
         assert_eq!(place.summary("parts")["status"], "interrupted");
-        args = [&run[..], &["--resume"]].concat();
+        args = [&run("parts")[..], &["--resume"]].concat();
     }
     place
         .glebe(&[&args[..], &["--set", "material.soil.density=2100"]].concat())
@@ -276,10 +279,8 @@ fn what_is_wrong_with_a_checkpoint_is_told_and_the_one_before_continued() {
 fn checkpoints_may_leave_out_what_contacts_remember_and_then_say_so() {
     let place = Place::new();
     place.write("scene.toml", SCENE);
-    let sets =
-        ["stage.push.duration=0.1", "stage.settle.until.at_most=0.2"].map(|set| ["--set", set]).concat();
     let run = |out: &'static str, more: &[&'static str]| {
-        [&["run", "scene.toml", "--no-cache", "--device", "cpu", "--out", out], &sets[..], more].concat()
+        [&["run", "scene.toml", "--no-cache", "--device", "cpu", "--out", out], &SLOW[..], more].concat()
     };
     place.glebe(&run("whole", &[])).expect(0);
     let small = ["--set", "output.checkpoint_history=false"];
@@ -336,7 +337,8 @@ fn a_settled_bed_is_reused_without_changing_a_bit() {
     assert!(!reused);
     assert_eq!(with_bed, without);
     assert_ne!(with_bed, first);
-    let (_, reused) = run("denser", &["--set", "material.soil.density=2100"]);
+    let denser = ["--set", "material.soil.density=2100", "--set", "stage.push.duration=0.1"];
+    let (_, reused) = run("denser", &denser);
     assert!(!reused);
 
     // A damaged bed is no bed.

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use glebe_io::scene::SceneError;
-use glebe_io::study::{Calibration, Method, Quantity, Statistic, Stop, Study, calibration_schema};
+use glebe_io::study::{Calibration, Method, Quantity, Statistic, Stop, Study, Surrogate, calibration_schema};
 
 /// A calibration of the example scene that is right.
 const STUDY: &str = r#"title = "Soil"
@@ -96,6 +96,23 @@ fn the_defaults_are_the_papers() {
     assert_eq!((set.stop.rounds, set.stop.cost, set.stop.stagnation), (100, Some(0.1), Some(5)));
     let filter = good(STUDY, &["method.bayesian-filter.samples=64"]);
     assert_eq!(filter.method, Method::BayesianFilter { samples: 64, effective: 0.3 });
+}
+
+#[test]
+fn a_surrogate_is_asked_after_ten_evaluations_of_each_parameter() {
+    assert_eq!(good(STUDY, &[]).surrogate, None);
+    assert_eq!(good(STUDY, &["surrogate={}"]).surrogate, Some(Surrogate { after: 30, spread: 0.1 }));
+    let set = good(STUDY, &["surrogate={ after = 12, spread = 0.5 }"]);
+    assert_eq!(set.surrogate, Some(Surrogate { after: 12, spread: 0.5 }));
+    for (given, told) in [
+        ("surrogate.after=1", "`surrogate.after` is 1"),
+        ("surrogate.spread=0", "`surrogate.spread` is 0"),
+        ("surrogate.sprad=1", "did you mean `spread`?"),
+        ("surrogate=true", "`surrogate` is true"),
+    ] {
+        let errors = all(&read(STUDY, &[given]).unwrap_err());
+        assert!(errors.contains(told), "{given}: {errors}");
+    }
 }
 
 #[test]

@@ -217,10 +217,11 @@ fn particle_files() {
 #[test]
 fn the_corpus_of_fuzzing_is_read_or_refused() {
     type Reader = fn(&[u8]) -> bool;
-    let readers: [(&str, Reader); 12] = [
+    let readers: [(&str, Reader); 13] = [
         ("calibration", calibration_is_read),
         ("checkpoint", checkpoint_is_read),
         ("csv", particles_are_read),
+        ("curve", curve_is_read),
         ("obj", |bytes| mesh_is_read("a.obj", bytes)),
         ("ply", |bytes| mesh_is_read("a.ply", bytes)),
         ("poses", poses_are_read),

@@ -17,7 +17,7 @@ scene.toml:16:1: error: `material.soil` has no key `densty`
 16 | densty = 1850                     # kg/m³
    | ^^^^^^ unknown key
   help: did you mean `density`? Allowed: `density`, `youngs_modulus`, `poissons_ratio`, `restitution`, `friction`, \
-`static_friction`, `rolling_friction`
+`static_friction`, `rolling_friction`, `wear`
 "
     );
 }

@@ -120,7 +120,7 @@ study.toml:6:23: error: `material.soil.densty` leads nowhere
 6 | path = \"material.soil.densty\"
   |                       ^^^^^^ no `densty` here
   help: did you mean `density`? Allowed: `density`, `youngs_modulus`, `poissons_ratio`, `restitution`, `friction`, \
-`static_friction`, `rolling_friction`
+`static_friction`, `rolling_friction`, `wear`
 "
     );
 }

@@ -293,4 +293,9 @@ impl IntegratorKind {
             Self::VelocityVerlet => "velocity-verlet",
         }
     }
+
+    /// Whether velocities, as forces see them, belong to the instant half a step before the places.
+    pub const fn lags(self) -> bool {
+        matches!(self, Self::Euler | Self::VelocityVerlet)
+    }
 }

@@ -113,6 +113,7 @@ impl Bed {
         retain(&mut g.surfaces, stays);
         retain(&mut g.path, stays);
         retain(&mut g.impulse, stays);
+        retain(&mut g.wear, stays);
         for memory in &mut state.surface_contacts {
             let i = memory.surface as usize;
             memory.surface = awake(&self.dormant, i) as u32;
@@ -132,6 +133,9 @@ impl Bed {
                 g.surfaces.insert(i, asleep);
                 g.path.insert(i, 0.0);
                 g.impulse.insert(i, [0.0; 6]);
+                if constants.lists_wear() {
+                    g.wear.insert(i, constants.unworn(i));
+                }
             } else {
                 new_index.push(i as u32);
             }
@@ -166,6 +170,7 @@ fn leading(spec: &WorldSpec, stages: usize, dormant: &[bool]) -> WorldSpec {
     let mut spec = spec.clone();
     spec.title.clear();
     spec.fields.clear();
+    spec.network = false;
     spec.stages.truncate(stages);
     for stage in &mut spec.stages {
         for measure in &mut stage.measures {

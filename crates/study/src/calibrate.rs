@@ -13,6 +13,7 @@ mod identify;
 mod plan;
 mod results;
 mod rounds;
+mod surrogate;
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -25,6 +26,8 @@ use self::found::{Given, shown};
 pub use self::identify::Known;
 pub use self::plan::Plan;
 pub use self::results::{Counts, Parameter, Round, Summary, Wanted};
+use self::surrogate::{Candidate, Surrogate};
+pub use self::surrogate::{Missed, Report};
 use crate::drive::Listener;
 use crate::ensemble::{Ensemble, Opened, Results, Row, open, short};
 pub use crate::ensemble::{Settings, StudyError};
@@ -43,6 +46,8 @@ pub(crate) struct Evaluation {
     found: Vec<Vec<f64>>,
     /// Infinite if a target has no value.
     cost: f64,
+    /// If it was not simulated, the standard deviation that the surrogate states of its cost.
+    predicted: Option<f64>,
     status: summary::Status,
     reason: Option<String>,
     /// Of the worlds, in the order of the experiments.
@@ -92,8 +97,17 @@ pub fn run(plan: &Plan, settings: &Settings, listener: &mut dyn Listener) -> Res
     let rows = entries.unwrap_or_default().into_iter().map(|row| (row.world, row)).collect();
     let work = Work { journal, rows, expected: 0 };
     let (evaluations, rounds, sampled) = (Vec::new(), Vec::new(), BTreeMap::new());
-    let mut calibration =
-        Calibrator { plan, ensemble, work, sampled, sampled_s: 0.0, evaluations, rounds, warnings };
+    let mut calibration = Calibrator {
+        plan,
+        ensemble,
+        work,
+        sampled,
+        sampled_s: 0.0,
+        evaluations,
+        rounds,
+        surrogate: plan.calibration.surrogate.map(Surrogate::new),
+        warnings,
+    };
     let mut search = searcher(plan);
     let end = calibration.search(search.as_mut(), listener)?;
     let slopes = match end {
@@ -159,6 +173,7 @@ struct Calibrator<'a> {
     sampled_s: f64,
     evaluations: Vec<Evaluation>,
     rounds: Vec<Round>,
+    surrogate: Option<Surrogate>,
     warnings: Vec<String>,
 }
 
@@ -168,22 +183,29 @@ impl Calibrator<'_> {
         let stop = self.plan.calibration.stop;
         let mut unchanged = 0;
         loop {
-            let points = search.ask();
+            let candidates = self.candidates(search.ask());
+            let simulations = candidates.iter().filter(|candidate| candidate.simulated).count();
             let round = self.rounds.len();
-            let worlds = (stop.rounds - round) * points.len();
+            let simulated = self.simulated().count();
+            let worlds = (stop.rounds - round) * candidates.len();
             let most = stop.evaluations.map_or(worlds, |most| worlds.min(most));
-            self.work.expected = (self.evaluations.len() + most) * self.plan.calibration.experiments.len();
-            let beyond = |most| round > 0 && self.evaluations.len() + points.len() > most;
+            self.work.expected = (simulated + most) * self.plan.calibration.experiments.len();
+            let beyond = |most| round > 0 && simulated + simulations > most;
             if stop.evaluations.is_some_and(beyond) {
                 return Ok(End::Evaluations);
             }
-            let later = (most.saturating_sub(points.len())) as u64 * self.plan.steps;
-            let Some(costs) = self.evaluate(round, self.evaluations.len(), points, later, listener)? else {
+            let later = (most.saturating_sub(candidates.len())) as u64 * self.plan.steps;
+            let first = self.evaluations.len();
+            let Some(costs) = self.evaluate(round, first, &candidates, later, listener)? else {
                 return Ok(End::Open);
             };
+            if let Some(surrogate) = &mut self.surrogate {
+                surrogate.compare(&candidates, &self.evaluations[first..], &self.plan.calibration.targets);
+            }
             search.tell(&costs);
             let before = self.rounds.last().map_or(f64::INFINITY, |r| r.best);
-            let now = Round::of(&costs, &search.costs(), before, search.posterior());
+            let predicted = candidates.len() - simulations;
+            let now = Round::of(&costs, &search.costs(), before, predicted, search.posterior());
             listener.note(&self.told(&now, round));
             unchanged = if now.best < before { 0 } else { unchanged + 1 };
             let best = now.best;
@@ -200,6 +222,20 @@ impl Calibrator<'_> {
         }
     }
 
+    /// The points of a round, with what the surrogate says of them.
+    fn candidates(&mut self, points: Vec<Vec<f64>>) -> Vec<Candidate> {
+        let c = &self.plan.calibration;
+        match &mut self.surrogate {
+            Some(surrogate) => surrogate.candidates(points, &self.evaluations, &c.targets, c.seed),
+            None => points.into_iter().map(Candidate::simulated).collect(),
+        }
+    }
+
+    /// The evaluations that were simulated.
+    fn simulated(&self) -> impl Iterator<Item = &Evaluation> {
+        self.evaluations.iter().filter(|e| e.predicted.is_none())
+    }
+
     fn told(&self, round: &Round, k: usize) -> String {
         let [best, mean] = [round.best, round.mean].map(short);
         let without = match round.without {
@@ -208,7 +244,14 @@ impl Calibrator<'_> {
         };
         let best_so_far = self.best().map_or(String::new(), |e| format!(" ({})", self.found(e)));
         let rounds = self.plan.calibration.stop.rounds;
-        format!("round {} of at most {rounds}: best cost {best}{best_so_far}, mean {mean}{without}", k + 1)
+        let predicted = match round.predicted {
+            0 => String::new(),
+            n => format!("; {n} by the surrogate"),
+        };
+        format!(
+            "round {} of at most {rounds}: best cost {best}{best_so_far}, mean {mean}{without}{predicted}",
+            k + 1
+        )
     }
 
     /// `draught = 309.1 N`
@@ -221,9 +264,9 @@ impl Calibrator<'_> {
         all.collect::<Vec<_>>().join(", ")
     }
 
-    /// The evaluation of the least cost, the first of equal ones; none if none has a cost.
+    /// The simulated evaluation of the least cost, the first of equal ones; none if none has a cost.
     fn best(&self) -> Option<&Evaluation> {
-        let done = self.evaluations.iter().filter(|e| e.cost.is_finite());
+        let done = self.simulated().filter(|e| e.cost.is_finite());
         done.min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
@@ -241,15 +284,16 @@ impl Calibrator<'_> {
             point[k] = (point[k] + by).clamp(0.0, 1.0);
             point
         };
-        let points: Vec<Vec<f64>> = (0..best.len()).flat_map(|k| [moved(k, -step), moved(k, step)]).collect();
+        let points = (0..best.len()).flat_map(|k| [moved(k, -step), moved(k, step)]);
+        let points: Vec<Candidate> = points.map(Candidate::simulated).collect();
         listener.note(&format!(
             "{} evaluations around the best tell how the targets depend on the parameters",
             points.len()
         ));
         let first = self.evaluations.len();
         let (count, round) = (points.len(), self.rounds.len());
-        self.work.expected = (first + count) * c.experiments.len();
-        if self.evaluate(round, PROBES + first * count, points, 0, listener)?.is_none() {
+        self.work.expected = (self.simulated().count() + count) * c.experiments.len();
+        if self.evaluate(round, PROBES + first * count, &points, 0, listener)?.is_none() {
             return Ok(None);
         }
         let slope = |t: usize, n: usize, k: usize| {

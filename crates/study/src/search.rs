@@ -5,6 +5,7 @@
 mod cmaes;
 mod evolution;
 mod filter;
+mod gaussian;
 mod kmeans;
 pub mod matrix;
 mod mixture;
@@ -14,6 +15,7 @@ use glebe_engine::generate::Rng;
 pub use cmaes::CmaEs;
 pub use evolution::{DifferentialEvolution, Evolution};
 pub use filter::{Filter, Posterior};
+pub use gaussian::{GaussianProcess, Kernel, LeftOut, Prediction};
 pub use kmeans::{Clusters, clusters};
 pub use mixture::Mixture;
 

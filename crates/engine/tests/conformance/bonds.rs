@@ -4,11 +4,12 @@ use std::f64::consts::PI;
 
 use glebe_engine::backend::Backend;
 use glebe_engine::lattice::{add, cross, norm, scale, sub};
+use glebe_engine::prepare;
 use glebe_engine::spec::{Vec3, WorldSpec};
 use glebe_engine::state::State;
 use glebe_physics::{ContactModel, IntegratorKind, LawChoice, PairLaws, PairOverride};
 
-use crate::support::{REFERENCE, Random, Run, Subject, grain, open_world, plane, sphere_mass};
+use crate::support::{CPU, REFERENCE, Random, Run, Subject, Together, grain, open_world, plane, sphere_mass};
 
 const RADIUS: f64 = 1e-3;
 /// Distance of bonded centres: surfaces do not touch, so that nothing but bonds acts.
@@ -228,6 +229,41 @@ pub fn broken_bonds_stay_broken_after_a_checkpoint(on: &Subject) {
     again.steps(500);
     assert_eq!(whole.state().hash(), again.state().hash());
     assert!(whole.g.bonds.broken > bonds.broken, "{:?}", whole.g.bonds);
+}
+
+/// Bodies that break in a batch, one of them with fewer particles, come to the same bits as each alone; and a state goes
+/// from one backend to another and back as it is.
+pub fn bonded_worlds_equal_themselves_in_a_batch(on: &Subject) {
+    if !on.exact_states {
+        return;
+    }
+    let worlds = || {
+        let mut fewer = thrown();
+        let p = &mut fewer.particles;
+        p.position.truncate(18);
+        p.radius.truncate(18);
+        p.material.truncate(18);
+        p.velocity.truncate(18);
+        p.spin.truncate(18);
+        [thrown(), fewer].map(|w| {
+            let (c, mut state) = prepare(w).unwrap();
+            state.bond(&c);
+            state.progress.stale = true;
+            (c, state)
+        })
+    };
+    let mut batch = Together::resume(on, worlds().to_vec());
+    batch.advance(&[400, 400]);
+    for (k, (c, state)) in worlds().into_iter().enumerate() {
+        let mut alone = Run::resume(on, c.clone(), state);
+        alone.steps(400);
+        assert!(alone.g.bonds.broken > 0, "world {k}: {:?}", alone.g.bonds);
+        assert_eq!(alone.g.bonds, batch.worlds[k].1.bonds, "world {k}");
+        let state = alone.state();
+        assert_eq!(state.hash(), batch.state(k).hash(), "world {k}");
+        let moved = Run::resume(&CPU, c, state.clone()).state();
+        assert_eq!(state.contacts, moved.contacts, "world {k}");
+    }
 }
 
 /// What breaks on impact, what is lost and where the pieces are is as the reference has it.

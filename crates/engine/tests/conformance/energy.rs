@@ -1,11 +1,11 @@
 //! The energy ledger, and what surfaces report.
 
-use glebe_engine::batch::{Batch, Observer, Sample, Status};
+use glebe_engine::batch::{Batch, Status};
 use glebe_engine::lattice::{add, dot, norm, scale, sub};
 use glebe_engine::spec::{Domain, Pose, Side, Until};
 use glebe_physics::{ContactModel, IntegratorKind, LawChoice};
 
-use crate::support::{Random, Run, Subject, Together, grain, mesh, open_world, plane, rectangle};
+use crate::support::{Last, Random, Run, Subject, Together, grain, mesh, open_world, plane, rectangle};
 
 /// Largest open balance as a share of the dissipated energy, at 50 steps and more per collision.
 const CLOSURE: f64 = 0.01;
@@ -15,17 +15,6 @@ const DRIFT: [(IntegratorKind, f64); 3] =
     [(IntegratorKind::Euler, 2e-5), (IntegratorKind::VelocityVerlet, 2e-5), (IntegratorKind::Adams, 1e-3)];
 
 const RADIUS: f64 = 2e-3;
-
-#[derive(Default)]
-struct Last(Option<Sample>);
-
-impl Observer for Last {
-    type Error = std::convert::Infallible;
-    fn sample(&mut self, _: usize, sample: &Sample) -> Result<(), Self::Error> {
-        self.0 = Some(sample.clone());
-        Ok(())
-    }
-}
 
 /// 64 spheres with friction and rolling resistance fall into a box and come to rest.
 pub fn the_ledger_closes(on: &Subject) {

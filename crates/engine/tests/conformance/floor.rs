@@ -131,6 +131,30 @@ pub fn many_triangles_meet_at_a_point(on: &Subject) {
     assert_same(on, "triangles that meet at a point", &found[1], &found[0]);
 }
 
+/// Worlds whose spheres come near to many triangles at once, so that the lists of all lack room in the same step, go on as
+/// each does alone.
+pub fn worlds_that_lack_room_at_once_keep_their_bits(on: &Subject) {
+    // The first lists are made ahead of the point, those after [`PERIOD`] steps of a device around it.
+    let worlds: Vec<_> = [(0.0, 1.0), (0.3, 1.0), (0.0, -1.0), (0.3, -1.0)]
+        .into_iter()
+        .map(|(tilt, side)| {
+            let pose = Pose { translation: [0.0; 3], rotation: quaternion([0.6, 0.8, 0.0], tilt) };
+            let (vertices, triangles) = fan([-0.0073, -0.001], 0.03, 24);
+            on_floor(mesh(vertices, triangles, pose), pose, side)
+        })
+        .collect();
+    let mut batch = Together::new(on, worlds.clone());
+    batch.steps(700);
+    for (w, world) in worlds.into_iter().enumerate().skip(2) {
+        let mut alone = Together::new(on, vec![world]);
+        alone.steps(700);
+        let (a, b) = (alone.state(0), batch.state(w));
+        assert_eq!(a.surface_contacts, b.surface_contacts, "what world {w} remembers");
+        assert_eq!(a.progress.ledger, b.progress.ledger, "the ledger of world {w}");
+        assert_eq!(a.hash(), b.hash(), "world {w}");
+    }
+}
+
 /// A mesh that spans one period of the cell has no edge where the next period begins.
 pub fn a_floor_of_one_period_is_a_plane(on: &Subject) {
     let world = |floor: Surface| {

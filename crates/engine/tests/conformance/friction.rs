@@ -51,6 +51,34 @@ pub fn total_force_stays_below_the_cap(on: &Subject) {
     }
 }
 
+/// Springs so short that their squares are next to nothing, as those of bodies that hardly slide, stay finite: devices
+/// that take what is below 10⁻³⁸ for zero would divide by it.
+pub fn a_spring_of_next_to_nothing_stays_finite(on: &Subject) {
+    let mut w = open_world([0.0; 3], 0.1, 1e-6, grain(0.5, 0.5));
+    w.gravity = [0.0; 3];
+    let speeds = [1e-13, 3e-14, 1e-14, 1e-16];
+    for (k, v) in speeds.into_iter().enumerate() {
+        let y = 0.02 * k as f64;
+        w.particles.push_moving([0.0, y, 0.0], RADIUS, 0, [v, 0.0, 0.0], [0.0; 3]);
+        w.particles.push_moving([0.0, y, 1.999 * RADIUS], RADIUS, 0, [0.0; 3], [0.0; 3]);
+    }
+    let mut run = Run::new(on, w);
+    run.steps(5);
+    for (k, pair) in run.bodies().chunks(2).enumerate() {
+        for b in pair {
+            assert!(b.v.iter().chain(&b.w).chain(&b.force).all(|x| x.is_finite()), "{k}: {:?}", b.force);
+            assert!(b.force[0].abs() < 1e-6 && b.force[2].abs() > 1e-5, "{k}: {:?} N", b.force);
+        }
+    }
+    let state = run.state();
+    assert_eq!(state.contacts.len(), speeds.len());
+    for (m, v) in state.contacts.iter().zip(speeds) {
+        // What slides for five steps of a microsecond.
+        let most = 1e-5 * v;
+        assert!(m.history.iter().all(|x| f64::from(x.abs()) <= most), "{v}: {:?}", m.history);
+    }
+}
+
 /// A sphere launched on a plane without spin slides at `v0 - μ g t` until it rolls at 5/7 of its speed.
 pub fn a_sphere_slides_until_it_rolls(on: &Subject) {
     const FRICTION: f64 = 0.2;

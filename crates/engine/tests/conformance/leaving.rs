@@ -1,13 +1,11 @@
 //! Particles that leave the domain or are removed take the energy of their springs along.
 
-use std::convert::Infallible;
-
-use glebe_engine::batch::{Batch, Observer, Sample, Status};
+use glebe_engine::batch::{Batch, Status};
 use glebe_engine::spec::{Action, Stage, Until, WorldSpec};
 use glebe_engine::state::Ledger;
 use glebe_physics::IntegratorKind;
 
-use crate::support::{Run, Subject, grain, open_world, plane};
+use crate::support::{Last, Run, Subject, grain, open_world, plane};
 
 /// Largest open part of the ledger, as a share of the energy of the springs that went.
 const OPEN: f64 = 0.01;
@@ -62,17 +60,6 @@ pub fn leavers_take_their_springs_along(subject: &Subject) {
         // What the tangential springs held is gone with the particles, and not for a change of stiffness.
         let changed = (ledger.stiffness_change - stiffness).abs();
         assert!(changed < 0.1 * spring, "{name}: {changed:e} of {spring:e} J");
-    }
-}
-
-#[derive(Default)]
-struct Last(Option<Sample>);
-
-impl Observer for Last {
-    type Error = Infallible;
-    fn sample(&mut self, _: usize, sample: &Sample) -> Result<(), Infallible> {
-        self.0 = Some(sample.clone());
-        Ok(())
     }
 }
 

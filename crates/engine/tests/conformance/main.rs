@@ -33,8 +33,10 @@ mod restitution;
 mod round;
 mod samples;
 mod servo;
+mod sizes;
 mod springs;
 mod support;
+mod wear;
 
 macro_rules! tests {
     ($subject:expr, $attributes:tt; $($file:ident::$test:ident),* $(,)?) => {
@@ -60,11 +62,13 @@ macro_rules! backend_suite {
         mod $module {
             tests! { $subject, {};
                 conservation::momentum_of_an_isolated_cloud,
+                friction::a_spring_of_next_to_nothing_stays_finite,
                 frames::a_boost_changes_nothing,
                 frames::a_rotation_changes_nothing,
                 frames::a_translation_changes_nothing,
                 frames::a_sheared_cell_changes_nothing,
                 floor::many_triangles_meet_at_a_point,
+                floor::worlds_that_lack_room_at_once_keep_their_bits,
                 floor::concave_corners_act_on_each_side,
                 floor::a_plane_ends_where_it_ends,
                 leaving::leavers_take_their_springs_along,
@@ -117,6 +121,7 @@ macro_rules! backend_suite {
                 servo::the_servo_reaches_a_stress_and_holds_it,
                 servo::the_servo_reaches_a_shear_stress,
                 servo::lateral_stress_is_held,
+                servo::a_dense_sample_keeps_its_lateral_stress,
                 periodic::a_blade_is_felt_however_far_it_goes,
                 restitution::restitution_equals_e,
                 friction::total_force_stays_below_the_cap,
@@ -128,6 +133,7 @@ macro_rules! backend_suite {
                 energy::the_ledger_closes,
                 friction::rolling_resistance_stops_a_sphere,
                 reach::what_does_not_touch_does_not_press,
+                sizes::a_grain_in_a_notch_rolls_out_of_it,
                 adhesion::adhesion_holds_up_to_the_pull_off_force,
                 adhesion::a_bridge_takes_its_energy_when_it_ruptures,
                 adhesion::only_pairs_with_cohesion_stick,
@@ -141,17 +147,35 @@ macro_rules! backend_suite {
     };
 }
 
-/// Bonds, which devices refuse.
+/// Bonds between particles.
 macro_rules! bonds_suite {
-    ($module:ident, $subject:expr) => {
+    ($module:ident, $subject:expr, $slow:tt) => {
         mod $module {
             tests! { $subject, {};
+                bonds::broken_bonds_stay_broken_after_a_checkpoint,
+                bonds::bonded_worlds_equal_themselves_in_a_batch,
+                bonds::a_breaking_body_equals_the_reference,
+            }
+            // Kernels of their own, or many steps.
+            tests! { $subject, $slow;
                 bonds::a_cantilever_bends_as_its_bonds_say,
                 bonds::bonds_break_at_their_strength,
                 bonds::a_bonded_body_keeps_momentum_and_energy,
-                bonds::broken_bonds_stay_broken_after_a_checkpoint,
-                bonds::a_breaking_body_equals_the_reference,
                 bonds::bonds_are_made_by_pair_within_the_gap,
+            }
+        }
+    };
+}
+
+/// Wear, which devices refuse.
+macro_rules! wear_suite {
+    ($module:ident, $subject:expr) => {
+        mod $module {
+            tests! { $subject, {};
+                wear::a_sliding_sphere_wears_as_archard_says,
+                wear::rolling_wears_nothing,
+                wear::wear_is_told_and_kept,
+                wear::a_cylinder_wears_under_the_sphere,
             }
         }
     };
@@ -180,10 +204,18 @@ macro_rules! agreement_suite {
 
 backend_suite!(cpu, Some(&crate::support::CPU), {});
 backend_suite!(reference, Some(&crate::support::REFERENCE), {});
-bonds_suite!(bonds_on_cpu, Some(&crate::support::CPU));
-bonds_suite!(bonds_on_reference, Some(&crate::support::REFERENCE));
+bonds_suite!(bonds_on_cpu, Some(&crate::support::CPU), {});
+bonds_suite!(bonds_on_reference, Some(&crate::support::REFERENCE), {});
+wear_suite!(wear_on_cpu, Some(&crate::support::CPU));
+wear_suite!(wear_on_reference, Some(&crate::support::REFERENCE));
 agreement_suite!(cpu_against_reference, Some(&crate::support::CPU), {});
 #[cfg(feature = "gpu")]
 backend_suite!(gpu, crate::support::gpu(), { #[ignore = "minutes on a software device: for hardware, with --include-ignored"] });
 #[cfg(feature = "gpu")]
+bonds_suite!(bonds_on_gpu, crate::support::gpu(), { #[ignore = "minutes on a software device: for hardware, with --include-ignored"] });
+#[cfg(feature = "gpu")]
 agreement_suite!(gpu_against_reference, crate::support::gpu(), { #[ignore = "minutes on a software device: for hardware, with --include-ignored"] });
+#[cfg(feature = "gpu")]
+mod wear_on_gpu {
+    tests! { crate::support::gpu(), {}; wear::a_device_refuses_wear }
+}

@@ -1,13 +1,14 @@
 //! The servo that drives a cell to a stress.
 
 use glebe_engine::batch::{Batch, Observer, Sample, Status};
+use glebe_engine::measure::Interior;
 use glebe_engine::prepare;
 use glebe_engine::spec::{Deformation, Drive, Stage, Until, WorldSpec};
-use glebe_physics::LawChoice;
+use glebe_physics::{ContactModel, LawChoice, Material};
 
 use crate::deforming::packed;
 use crate::samples::interior;
-use crate::support::{REFERENCE, Run, Subject, Together};
+use crate::support::{REFERENCE, Run, Subject, Together, grain};
 
 /// Steps that suffice to reach a stress, and to shear by some percent.
 const STEPS: u64 = 3000;
@@ -88,6 +89,59 @@ pub fn lateral_stress_is_held(on: &Subject) {
     assert!(last.q() > 0.5 * target, "q is {:e} Pa", last.q());
     // With held lateral stress q grows three times as fast as p.
     assert!((last.q() / (3.0 * (last.p() - target)) - 1.0).abs() < 0.1, "{last:?}");
+}
+
+/// A dense sample of stiff grains that hardly roll widens faster than it is shortened, and its servo follows: lateral
+/// stress stays within one percent of its target on average, within ten percent at every row.
+pub fn a_dense_sample_keeps_its_lateral_stress(on: &Subject) {
+    let (target, inertial_number) = (1e4, 0.02);
+    let mut d = Deformation { inertial_number, control_steps: 1, ..isotropic(target) };
+    let mut w = sample(120, d);
+    w.materials[0] = Material { youngs_modulus: 5e7, poissons_ratio: 0.5, ..grain(1.0, 0.66) };
+    w.contact = ContactModel {
+        normal: LawChoice::named("rve"),
+        tangential: LawChoice::named("rve"),
+        rolling: LawChoice::named("moment-rotation")
+            .with("rolling_strength", 2.0)
+            .with("twisting_strength", 1.5),
+        ..ContactModel::default()
+    };
+    run_to(&mut w, 0.01);
+    let diameter = 2.0 * w.particles.radius.iter().sum::<f64>() / w.particles.len() as f64;
+    let rate = inertial_number / diameter * (target / w.materials[0].density).sqrt();
+    d.drive[2] = Drive::Rate(rate);
+    w.stages.push(Stage {
+        name: "shear".to_owned(),
+        until: Until { at_most: Some(0.06 / rate), ..Until::default() },
+        deformation: Some(d),
+        ..Stage::default()
+    });
+    w.sampling.series = 1e-3 / rate;
+    let mut batch = Batch::new(vec![w], on.backend).map_err(|e| e.1).unwrap();
+    let mut seen = Seen::default();
+    while batch.running() {
+        let Ok(()) = batch.advance(&mut seen);
+    }
+    assert_eq!(batch.status(0), &Status::Done);
+    let sheared: Vec<_> =
+        seen.0.iter().filter(|s| s.stage > 0).map(|s| (s.time, s.interior.unwrap())).collect();
+    // Contacts and motion, as the servo has it.
+    let across =
+        |(_, i): &(f64, Interior), k: usize| (i.stress[k][k] + i.kinetic_stress[k][k]) / target - 1.0;
+    let settled = &sheared[5..];
+    for k in 0..2 {
+        let off = settled.iter().map(|s| across(s, k)).sum::<f64>() / settled.len() as f64;
+        assert!(off.abs() < 0.01, "lateral stress {k} is {off:.3} off on average");
+        let most = settled.iter().map(|s| across(s, k).abs()).fold(0.0, f64::max);
+        assert!(most < 0.1, "lateral stress {k} is {most:.3} off at a time");
+    }
+    // The inertial number alone allows once.
+    let widening = |w: &[(f64, Interior)]| {
+        let by = (0..2).map(|k| w[0].1.strain[k][k] - w[1].1.strain[k][k]).fold(0.0, f64::max);
+        by / (w[1].0 - w[0].0) / rate
+    };
+    let fastest = sheared.windows(2).map(widening).fold(0.0, f64::max);
+    assert!(fastest > 1.1, "it widens {fastest} times as fast as it is shortened");
 }
 
 /// Ends the first stage when its stress is reached.

@@ -1,9 +1,11 @@
 //! Worlds for the suites, and ways to run and read them.
 
 use std::collections::BTreeSet;
+use std::convert::Infallible;
 use std::sync::Arc;
 
 use glebe_engine::backend::{Backend, Detail, Fleet, Job, Moment};
+use glebe_engine::batch::{Observer, Sample};
 use glebe_engine::lattice::{add, cross, dot, norm, scale, sub};
 use glebe_engine::spec::{
     Domain, Frustum, Motion, Pose, Shape, Side, Stage, Step, Surface, Time, TriMesh, Vec3, WorldSpec,
@@ -439,7 +441,10 @@ pub struct Together {
 
 impl Together {
     pub fn new(on: &Subject, specs: Vec<WorldSpec>) -> Self {
-        let mut worlds: Vec<_> = specs.into_iter().map(|s| prepare(s).unwrap()).collect();
+        Self::resume(on, specs.into_iter().map(|s| prepare(s).unwrap()).collect())
+    }
+
+    pub fn resume(on: &Subject, mut worlds: Vec<(Arc<Constants>, State)>) -> Self {
         let fleet = on.backend.fleet(worlds.iter_mut().map(|(c, s)| (c.clone(), s)).collect());
         Self { worlds: worlds.into_iter().map(|(c, s)| (c, s.progress)).collect(), fleet }
     }
@@ -481,6 +486,18 @@ impl Together {
     /// The particles of a world by their numbers.
     pub fn bodies(&self, world: usize) -> Vec<Body> {
         bodies(&self.worlds[world].0, &self.state(world))
+    }
+}
+
+/// Keeps the last sample.
+#[derive(Default)]
+pub struct Last(pub Option<Sample>);
+
+impl Observer for Last {
+    type Error = Infallible;
+    fn sample(&mut self, _: usize, sample: &Sample) -> Result<(), Infallible> {
+        self.0 = Some(sample.clone());
+        Ok(())
     }
 }
 

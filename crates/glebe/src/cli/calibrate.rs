@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use glebe_io::study::Calibration;
-use glebe_study::calibrate::{Plan, Summary, run as run_calibration};
+use glebe_study::calibrate::{Plan, Report, Summary, run as run_calibration};
 
 use super::check::duration;
 use super::study::{Came, StudyArgs};
@@ -61,7 +61,7 @@ fn told(s: &Summary) -> String {
         "{} evaluations in {} ({} of them without a cost); ended by {} after {} rounds of {}\n",
         s.counts.evaluations,
         duration(s.performance.wall_s),
-        s.counts.evaluations - s.counts.done,
+        s.counts.failed + s.counts.refused,
         s.ended_by,
         s.rounds.len(),
         s.method
@@ -70,7 +70,15 @@ fn told(s: &Summary) -> String {
         vec![vec!["best".to_owned(), "value".to_owned(), "unit".to_owned(), "uncertainty".to_owned()]];
     for p in &s.parameters {
         let known = match (&p.posterior, &p.known) {
-            (Some(i), _) => format!("95 % in {} … {}", number(i.credible_95[0]), number(i.credible_95[1])),
+            (Some(i), _) => {
+                let [low, high] = i.credible_95.map(number);
+                let by = if i.predicted > 0.0 {
+                    format!(" ({:.0} % of it by the surrogate)", 100.0 * i.predicted)
+                } else {
+                    String::new()
+                };
+                format!("95 % in {low} … {high}{by}")
+            }
             (None, Some(k)) => format!("{} of its range's", number(k.uncertainty)),
             (None, None) => String::new(),
         };
@@ -81,6 +89,9 @@ fn told(s: &Summary) -> String {
         rows.push(vec![t.name.clone(), number(t.best), t.unit.to_owned(), wanted]);
     }
     text += &table(&rows);
+    if let Some(surrogate) = &s.surrogate {
+        text += &told_of(surrogate);
+    }
     let clusters = s.clusters.len();
     // Writing to a string cannot fail.
     let _ = writeln!(
@@ -108,6 +119,29 @@ fn told(s: &Summary) -> String {
     for args in &s.best_runs {
         let args: Vec<String> = args.iter().map(|arg| shell_word(arg)).collect();
         let _ = writeln!(text, "the best as a scene:  glebe {}", args.join(" "));
+    }
+    text
+}
+
+/// What the surrogate did, and how far off it was.
+fn told_of(surrogate: &Report) -> String {
+    let mut text = format!(
+        "the surrogate stood for {} of {} evaluations ({:.0} % saved); {} that it was sure of were simulated to check it\n",
+        surrogate.predicted,
+        surrogate.predicted + surrogate.simulated,
+        100.0 * surrogate.saved,
+        surrogate.checked
+    );
+    let head = ["its error in scatters", "leave-one-out", "within two std", "checked", "within two std"];
+    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    for t in &surrogate.targets {
+        let within = [t.leave_one_out_within, t.held_out_within];
+        let [left_out, held_out] = within
+            .map(|share| if share.is_finite() { format!("{:.0} %", 100.0 * share) } else { "-".into() });
+        rows.push(vec![t.name.clone(), number(t.leave_one_out), left_out, number(t.held_out), held_out]);
+    }
+    if rows.len() > 1 {
+        text += &table(&rows);
     }
     text
 }

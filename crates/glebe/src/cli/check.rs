@@ -100,6 +100,8 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     chosen.note.iter().for_each(|line| ui.note(line));
     constants.warnings.iter().for_each(|w| ui.warn(w));
     let particles = constants.count;
+    let to_come = constants.most_to_come();
+    let most = particles as u64 + to_come.unwrap_or(0);
     let triangles: usize = built.meshes.iter().map(|m| m.report.triangles).sum();
     let stages = &constants.spec.stages;
     let longest = |u: &Until| {
@@ -112,9 +114,12 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let time: Option<f64> = stages.iter().map(|s| longest(&s.until)).sum();
     let steps = time.map(|t| (t / constants.dt).ceil());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let seconds = steps.map(|s| s * particles as f64 / (RATE * cores as f64));
+    let seconds = steps.map(|s| s * most as f64 / (RATE * cores as f64));
     let memory = chosen.backend.memory(std::slice::from_ref(&constants));
-    let bytes = memory.map_or(BYTES_PER_PARTICLE * particles as f64, |m| m.needed as f64);
+    let of_host = BYTES_PER_PARTICLE * most as f64;
+    // A device was asked about what is there at the start.
+    let bytes = memory
+        .map_or(of_host, |m| if to_come == Some(0) { m.needed as f64 } else { of_host.max(m.needed as f64) });
     let of_device = memory.and_then(|m| m.device);
     let limits = constants.limits;
     let warnings: Vec<serde_json::Value> = built
@@ -126,6 +131,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let value = json!({
         "status": "ok",
         "particles": particles,
+        "most_particles": to_come.map(|_| most),
         "surfaces": constants.boundaries.len(),
         "triangles": triangles,
         "stages": stages.iter().map(|s| &s.name).collect::<Vec<_>>(),
@@ -143,7 +149,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     let unknown = "not known: a stage waits for its energy without at_most";
     let text = format!(
         "{} is fine.\n\
-         particles  {particles}\n\
+         particles  {particles}{}\n\
          surfaces   {} with {triangles} triangles, domain sides included\n\
          stages     {}\n\
          step       {:.3e} s ({:.0} % of the Rayleigh time, 1/{:.0} of the shortest impact)\n\
@@ -152,6 +158,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
          run time   {} on the CPU with {cores} threads\n\
          device     {}",
         args.scene.scene.display(),
+        through_inlets(to_come),
         constants.boundaries.len(),
         stages.iter().map(|s| s.name.as_str()).collect::<Vec<_>>().join(", "),
         constants.dt,
@@ -167,6 +174,16 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Result<Ended, Problem> {
     );
     ui.result(&value, &text);
     Ok(Ended::Done)
+}
+
+/// What inlets add to the particles at the start.
+fn through_inlets(to_come: Option<u64>) -> String {
+    match to_come {
+        Some(0) => String::new(),
+        Some(more) => format!(" at the start, at most {more} more through inlets"),
+        None => " at the start; no end of what inlets bring is known, memory and run time are without it"
+            .to_owned(),
+    }
 }
 
 /// How much memory it takes, and of how much. What a device will need at first is known; dense beds make it grow.

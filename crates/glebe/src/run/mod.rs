@@ -1,6 +1,7 @@
 //! One simulation from a specification to an output folder: series, frames, checkpoints, plots, summary.
 
 mod fields;
+mod network;
 mod plots;
 mod recorder;
 
@@ -164,6 +165,9 @@ pub fn run(world: WorldSpec, settings: &Settings, listener: &mut dyn Listener) -
         if let Event::Reused(_, line) = event {
             note(line, listener);
         }
+    }
+    if constants.spec.network {
+        note(network::legend(&constants), listener);
     }
     let counts = after.as_ref().map(|c| (c.header.rows, c.header.frames, c.parts().1));
     let run = Run {

@@ -14,9 +14,12 @@ use glebe_io::output::{FrameWriter, OutputDir, OutputError};
 use glebe_study::series::{names, row};
 
 use super::fields::Fields;
+use super::network::Network;
 
 /// Name of the particles among a frame's parts.
 const PARTICLES: &str = "particles";
+/// And of the contacts.
+const CONTACTS: &str = "contacts";
 
 /// Rows and frames of one run.
 pub(super) struct Recorder {
@@ -25,6 +28,8 @@ pub(super) struct Recorder {
     fields: Fields,
     /// Surface of each part of a frame, and its mesh; the particles come first.
     meshes: Vec<(usize, Arc<TriMesh>)>,
+    /// Whether frames show contacts, behind the meshes.
+    network: bool,
     /// Whether particles may be bonded.
     bonds: bool,
     /// The last row.
@@ -55,6 +60,8 @@ impl Recorder {
             .collect();
         let mut parts = vec![PARTICLES];
         parts.extend(meshes.iter().map(|(s, _)| surfaces[*s].name.as_str()));
+        let network = constants.spec.network;
+        parts.extend(network.then_some(CONTACTS));
         let (series, frames) = match after {
             None => {
                 (SeriesWriter::create(&dir.series(), &columns)?, FrameWriter::create(dir.frames(), &parts)?)
@@ -66,7 +73,7 @@ impl Recorder {
         };
         let fields = Fields::new(dir, constants, after.map(|(_, _, fields)| fields))?;
         let bonds = constants.bonds();
-        Ok(Self { series, frames, fields, meshes, bonds, last: None, time: Duration::ZERO })
+        Ok(Self { series, frames, fields, meshes, network, bonds, last: None, time: Duration::ZERO })
     }
 
     /// Rows and frames so far, made durable.
@@ -103,19 +110,25 @@ impl Observer for Recorder {
                 let pose = g.surfaces[s].placed(c, s, g).pose;
                 let vertices: Vec<Vec3> = mesh.vertices.iter().map(|x| pose.apply(*x)).collect();
                 let pressure = pressures(mesh, &vertices, &frame.detail.on_triangles[s]);
-                meshes.push((1 + k, mesh, vertices, pressure));
+                let depth = g.worn(c, s).map(|volumes| depths(mesh, &volumes));
+                meshes.push((1 + k, mesh, vertices, pressure, depth));
             }
         }
         let mut shown = vec![(0, particles.poly_data(frame.positions))];
-        shown.extend(meshes.iter().map(|(part, mesh, vertices, pressure)| {
+        shown.extend(meshes.iter().map(|(part, mesh, vertices, pressure, depth)| {
+            let wear = depth.iter().map(|depth| Column::new("wear_depth", Values::F64(depth)));
             let data = PolyData {
                 points: Values::Vec3F64(vertices),
                 cells: Cells::Triangles(&mesh.triangles),
                 point_data: Vec::new(),
-                cell_data: vec![Column::new("pressure", Values::F32(pressure))],
+                cell_data: std::iter::once(Column::new("pressure", Values::F32(pressure)))
+                    .chain(wear)
+                    .collect(),
             };
             (*part, data)
         }));
+        let network = self.network.then(|| Network::new(frame));
+        shown.extend(network.iter().map(|network| (1 + self.meshes.len(), network.poly_data())));
         self.frames.write(frame.time, &shown)?;
         self.time += start.elapsed();
         Ok(())
@@ -194,4 +207,13 @@ fn pressures(mesh: &TriMesh, vertices: &[Vec3], forces: &[Vec3]) -> Vec<f32> {
         (2.0 * dot(*force, twice_area).abs() / (length * length)) as f32
     };
     mesh.triangles.iter().zip(forces).map(pressure).collect()
+}
+
+/// What each triangle has lost, over its area \[m\].
+fn depths(mesh: &TriMesh, volumes: &[f64]) -> Vec<f64> {
+    let depth = |(t, volume): (&[u32; 3], &f64)| {
+        let [a, b, c] = t.map(|v| mesh.vertices[v as usize]);
+        2.0 * volume / norm(cross(sub(b, a), sub(c, a)))
+    };
+    mesh.triangles.iter().zip(volumes).map(depth).collect()
 }

@@ -143,7 +143,7 @@ impl Place {
         let begun = Instant::now();
         loop {
             let mut child = self.command(args).spawn().unwrap();
-            let (started, at) = (Instant::now(), some_time(60));
+            let (started, at) = (Instant::now(), Duration::from_millis(some_number(60).into()));
             let folder = (killed % (folders.len() + 1)).checked_sub(1);
             while child.try_wait().unwrap().is_none() {
                 let due = match folder {
@@ -228,10 +228,9 @@ pub fn series(out: &Path) -> glebe::io::output::series::Series {
     glebe::io::output::series::Series::read(&out.join("series.csv")).unwrap()
 }
 
-/// A moment that is another in every run of the test \[ms\].
-pub fn some_time(most: u32) -> Duration {
-    let nanos = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().subsec_nanos();
-    Duration::from_millis(u64::from(nanos / 1000 % most))
+/// A number below `end` that is another in every run of the test.
+pub fn some_number(end: u32) -> u32 {
+    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().subsec_nanos() / 1000 % end
 }
 
 /// Sends a signal, such as `-INT`, to a program that runs.

@@ -59,6 +59,9 @@ const SURFACE: [Column; 16] = [
     ("qz", NONE),
 ];
 
+/// Column of a surface that wears, behind its name and a dot: the volume that it has lost.
+const WEAR: Column = ("wear", Dimension::VOLUME);
+
 /// Columns of the inside of a world that is periodic along all axes, before its tensors.
 const INSIDE: [Column; 7] = [
     ("p", PRESSURE),
@@ -90,8 +93,8 @@ const DOOR: [Column; 3] = [("particles", NONE), ("mass", Dimension::MASS), ("rat
 /// What a series has columns for.
 #[derive(Clone, Debug, Default)]
 pub struct Shown<'a> {
-    /// Surfaces by name.
-    pub surfaces: Vec<&'a str>,
+    /// Surfaces by name, and whether they wear.
+    pub surfaces: Vec<(&'a str, bool)>,
     /// Inlets, then outlets, by name.
     pub doors: Vec<&'a str>,
     /// Whether there may be bonds.
@@ -106,8 +109,9 @@ pub fn series(shown: &Shown<'_>) -> Vec<String> {
     if shown.bonds {
         names.extend(BONDS.map(|(name, _)| name.to_owned()));
     }
-    for surface in &shown.surfaces {
-        names.extend(SURFACE.iter().map(|(part, _)| format!("{surface}.{part}")));
+    for (surface, wears) in &shown.surfaces {
+        let wear = wears.then_some(&WEAR);
+        names.extend(SURFACE.iter().chain(wear).map(|(part, _)| format!("{surface}.{part}")));
     }
     if !shown.doors.is_empty() {
         names.push(ENTERED.0.to_owned());
@@ -128,7 +132,7 @@ pub fn series(shown: &Shown<'_>) -> Vec<String> {
 pub fn in_series(name: &str) -> Option<Dimension> {
     let of = |columns: &[Column], name: &str| columns.iter().find(|(n, _)| *n == name).map(|(_, d)| *d);
     if let Some((_, part)) = name.rsplit_once('.') {
-        return of(&SURFACE, part).or_else(|| of(&DOOR, part));
+        return of(&SURFACE, part).or_else(|| of(&[WEAR], part)).or_else(|| of(&DOOR, part));
     }
     let tensor = || {
         let (tensor, component) = name.rsplit_once('_')?;

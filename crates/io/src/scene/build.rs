@@ -61,6 +61,7 @@ struct Blame {
     contact: Place,
     domain: Place,
     pairs: Vec<Place>,
+    doors: Vec<(String, Place)>,
     /// Particles of each group, and the value that made or names them.
     groups: Vec<(Range<usize>, Place)>,
 }
@@ -76,6 +77,10 @@ impl BuiltScene {
             SetupError::Law(_) => (&blame.contact, "these laws"),
             SetupError::PairLaw { pair, .. } => {
                 (blame.pairs.get(*pair).unwrap_or(&blame.contact), "these laws")
+            }
+            SetupError::Door { name, .. } => {
+                let door = blame.doors.iter().find(|(other, _)| other == name).map(|(_, place)| place);
+                (door.unwrap_or(&blame.domain), "this one")
             }
             SetupError::Particle { id, .. } => (group(id).unwrap_or(&blame.domain), "one of these"),
             _ => (&blame.domain, "this world"),
@@ -134,6 +139,8 @@ impl Scene {
         world.stages = self.stages.iter().map(|stage| build.stage(stage)).collect();
         world.sampling = self.sampling;
         world.fields.clone_from(&self.fields);
+        world.network = self.network;
+        world.wear.clone_from(&self.wear);
 
         let Build { found, meshes, notes, groups, .. } = build;
         let (warnings, errors): (Vec<_>, Vec<_>) = found.into_iter().partition(SceneError::is_warning);
@@ -141,13 +148,13 @@ impl Scene {
             return Err(errors);
         }
         let warnings = self.warnings.iter().cloned().chain(warnings).collect();
-        let ScenePlaces { step, contact, domain, pairs } = self.places.clone();
+        let ScenePlaces { step, contact, domain, pairs, doors } = self.places.clone();
         Ok(BuiltScene {
             world,
             meshes,
             warnings,
             notes,
-            blame: Blame { step, contact, domain, pairs, groups },
+            blame: Blame { step, contact, domain, pairs, doors, groups },
         })
     }
 

@@ -74,8 +74,15 @@ static INLET_ROOM: TableSpec = TableSpec {
         Field::new("box", Kind::Table(&REGION), "An axis-aligned box.").optional(ANOTHER),
         Field::new("cylinder", Kind::Table(&CYLINDER), "A cylinder.").optional(ANOTHER),
         Field::new("sphere", Kind::Table(&SPHERE), "A sphere.").optional(ANOTHER),
+        Field::new(
+            "surface",
+            Kind::Reference(Names::Surface),
+            "A mesh of `geometry`: they come off its faces, on the side of their normals, wherever it stands, also before \
+             a stage inserts it.",
+        )
+        .optional(ANOTHER),
     ],
-    rules: &[Rule::ExactlyOne(&["box", "cylinder", "sphere"])],
+    rules: &[Rule::ExactlyOne(&["box", "cylinder", "sphere", "surface"])],
 };
 
 static OUTLET_ROOM: TableSpec = TableSpec {
@@ -177,7 +184,7 @@ pub(super) fn doors(file: &Record, row: f64, stages: &[StagePart], checker: &mut
         .iter()
         .map(|(name, record)| Outlet {
             name: name.value.clone(),
-            room: room(record, &format!("outlet.{}", name.value), checker),
+            room: room(record, file, &format!("outlet.{}", name.value), checker),
             every: record.number_if("every").unwrap_or(row),
             stages: stage_numbers(record, stages),
         })
@@ -213,7 +220,7 @@ pub(super) fn doors(file: &Record, row: f64, stages: &[StagePart], checker: &mut
         }
         inlets.push(InletPart {
             name: name.clone(),
-            room: room(record, &format!("inlet.{}", name.value), checker),
+            room: room(record, file, &format!("inlet.{}", name.value), checker),
             supply,
             velocity: record.vector("velocity"),
             most: record.number_if("mass"),
@@ -245,7 +252,7 @@ fn supply(record: &Record, file: &Record, outlets: &[&str], checker: &mut Checke
     }
 }
 
-fn room(record: &Record, path: &str, checker: &mut Checker) -> Room {
+fn room(record: &Record, file: &Record, path: &str, checker: &mut Checker) -> Room {
     let region = record.table_or_empty("region");
     if let Some(t) = region.table("cylinder") {
         let (from, to) = (t.vector("from"), t.vector("to"));
@@ -260,6 +267,10 @@ fn room(record: &Record, path: &str, checker: &mut Checker) -> Room {
         Room::Cylinder { from, to, radius: t.number("radius") }
     } else if let Some(t) = region.table("sphere") {
         Room::Sphere { center: t.vector("center"), radius: t.number("radius") }
+    } else if let Some(name) = region.located_if("surface") {
+        // Surfaces have the numbers of their tables.
+        let found = file.named("geometry").iter().position(|(other, _)| other.value == name.value);
+        Room::Surface(found.unwrap_or_default())
     } else if let Some(t) = region.table("beyond") {
         Room::Beyond { axis: t.vector("axis"), limit: t.number("limit") }
     } else {

@@ -150,6 +150,19 @@ static MATERIAL: TableSpec = TableSpec {
             .or("0.0")
             .at_least(0.0)
             .usual(0.0, 10.0),
+        Field::new("wear", Kind::Table(&WEAR), "How tools and walls in `geometry` of this material wear.")
+            .optional("they do not"),
+    ],
+    rules: &[],
+};
+
+static WEAR: TableSpec = TableSpec {
+    doc: "Archard's law: the volume that a facet loses is coefficient / hardness · ∫ normal force · sliding speed dt. Shapes stay as they are; series.csv has NAME.wear, meshes in frames have wear_depth.",
+    fields: &[
+        Field::new("coefficient", NUMBER, "Archard's coefficient k [-].").above(0.0).usual(1e-9, 1.0),
+        Field::new("hardness", Kind::Number(Dimension::PRESSURE), "Hardness H of the softer body [Pa].")
+            .above(0.0)
+            .usual(1e6, 1e12),
     ],
     rules: &[],
 };
@@ -513,7 +526,7 @@ static CELL: TableSpec = TableSpec {
     fields: &[
         Field::new("rate", Kind::Table(&RATES), "Strain rates [1/s]; those of shear are of the angle.").or("{}"),
         Field::new("stress", Kind::Table(&STRESSES), "Stresses that a servo goes for and holds [Pa].").or("{}"),
-        Field::new("inertial_number", NUMBER, "Largest inertial number that the servo may cause: strain rate · 2 mean radius · √(density / largest stress).")
+        Field::new("inertial_number", NUMBER, "Largest inertial number that the servo may cause, apart from what given rates ask for: strain rate · 2 mean radius · √(density / largest stress).")
             .or("1e-3")
             .above(0.0)
             .at_most(1.0),
@@ -624,14 +637,27 @@ static SURVEY: TableSpec = TableSpec {
     fields: &[
         Field::new(
             "of",
-            Kind::Words(&["angle-of-repose", "bulk-density"]),
-            "The slope of the heap that they form [rad], along the middle of its flank, or the mass over the volume of a \
-             region [kg/m^3].",
+            Kind::Words(&["angle-of-repose", "bulk-density", "lacey-index"]),
+            "The slope of the heap that they form [rad], along the middle of its flank; the mass over the volume of a \
+             region [kg/m^3]; or how a class of them is mixed with the others over samples of a region [-], from 0 \
+             (segregated) to 1 (at random).",
         ),
-        Field::new("region", Kind::Table(&REGION), "The region of a bulk density.")
-            .optional("needed with `bulk-density`"),
+        Field::new("region", Kind::Table(&REGION), "The region of a bulk density or of a Lacey index.")
+            .optional("needed with `bulk-density` and `lacey-index`"),
+        Field::new(
+            "spacing",
+            LENGTH,
+            "Width of a sample [m]; rounded so that whole samples fill the region.",
+        )
+        .optional("needed with `lacey-index`")
+        .above(0.0),
+        Field::new("material", Kind::Reference(Names::Material), "The class: particles of this material.")
+            .optional("see `radius_above`"),
+        Field::new("radius_above", LENGTH, "The class: particles of a larger radius [m].")
+            .optional("see `material`")
+            .above(0.0),
     ],
-    rules: &[],
+    rules: &[Rule::AtMostOne(&["material", "radius_above"])],
 };
 
 static OUTPUT: TableSpec = TableSpec {
@@ -640,6 +666,7 @@ static OUTPUT: TableSpec = TableSpec {
         Field::new("frames", TIME, "Time between frames of all particles [s].")
             .optional("no frames")
             .above(0.0),
+        Field::new("contacts", Kind::Bool, "Whether frames show contacts, as lines with forces.").or("false"),
         Field::new("series", TIME, "Time between rows of series.csv, and between checks of stage ends [s].")
             .or("\"1 ms\"")
             .above(0.0),

@@ -3,7 +3,7 @@
 //! `fields.rs` lists every key once, with its kind, range, default and a line of documentation.
 //! `check.rs` walks a file along that list, `schema.rs` prints it as a JSON Schema, `set.rs` follows it
 //! for `--set`. `tools.rs` has the keys of tools with what they mean, `outputs.rs` those of
-//! fields, `doors.rs` those of inlets and outlets. `model.rs` makes the typed scene, `build.rs` reads the files that it names.
+//! fields, `doors.rs` those of inlets and outlets, `surveys.rs` reads surveys. `model.rs` makes the typed scene, `build.rs` reads the files that it names.
 //!
 //! ```
 //! use glebe_io::scene::Scene;
@@ -34,6 +34,7 @@ pub(crate) mod schema;
 pub(crate) mod set;
 mod shapes;
 pub(crate) mod spelling;
+mod surveys;
 pub(crate) mod table;
 mod tools;
 

@@ -16,6 +16,7 @@ use super::doors::{Doors, InletPart, doors};
 use super::error::{Located, Place, SceneError};
 use super::fields::{COMPONENTS, ENDS, HISTORIES, INTEGRATORS, MIXING_RULES, SHAPES, SHEAR_MODULI, SIDES};
 use super::outputs;
+use super::surveys::survey;
 use super::tools;
 use crate::tool::Tool;
 use crate::units::{self, Dimension};
@@ -68,6 +69,10 @@ pub struct Scene {
     pub sampling: Sampling,
     /// Fields that are measured.
     pub fields: Vec<FieldSpec>,
+    /// Whether frames show contacts.
+    pub network: bool,
+    /// Of each material, coefficient over hardness of wear \[1/Pa\]; 0 for none.
+    pub wear: Vec<f64>,
     /// Simulated time between checkpoints \[s\]; absent for stage ends only.
     pub checkpoint: Option<f64>,
     /// Wall time between checkpoints \[s\].
@@ -89,6 +94,8 @@ pub(super) struct ScenePlaces {
     pub domain: Place,
     /// Of the laws of each pair.
     pub pairs: Vec<Place>,
+    /// Of inlets and outlets, by name.
+    pub doors: Vec<(String, Place)>,
 }
 
 /// `[domain]`
@@ -328,6 +335,8 @@ pub(crate) fn scene(file: &Record, checker: &mut Checker) -> Scene {
             energy_ledger: output.flag("energy_ledger"),
         },
         fields: Vec::new(),
+        network: output.flag("contacts"),
+        wear: file.named("material").iter().map(|(_, m)| wear(m)).collect(),
         checkpoint: output.number_if("checkpoint"),
         checkpoint_wall: output.number("checkpoint_wall"),
         checkpoint_history: output.flag("checkpoint_history"),
@@ -337,10 +346,16 @@ pub(crate) fn scene(file: &Record, checker: &mut Checker) -> Scene {
             step: file.table_or_empty("time").place("step").clone(),
             contact: contact.place.clone(),
             domain: file.place("domain").clone(),
+            doors: ["inlet", "outlet"]
+                .iter()
+                .flat_map(|kind| file.named(kind))
+                .map(|(name, _)| (name.value.clone(), name.place.clone()))
+                .collect(),
             pairs: file.named("pair").iter().map(|(_, p)| p.place("contact").clone()).collect(),
         },
     };
     scene.fields = outputs::fields(&output, &scene.domain, checker);
+    outputs::contacts_need_frames(&output, checker);
     scene.stages = stages(file, &scene.geometry, checker);
     bonds_are_made(&scene, checker);
     let Doors { inlets, outlets } = doors(file, scene.sampling.series, &scene.stages, checker);
@@ -389,6 +404,11 @@ fn material(name: &Located<String>, m: &Record, checker: &mut Checker) -> Materi
         static_friction: m.number("static_friction"),
         rolling_friction: m.number("rolling_friction"),
     }
+}
+
+/// Archard's coefficient over hardness \[1/Pa\].
+fn wear(material: &Record) -> f64 {
+    material.table("wear").map_or(0.0, |w| w.number("coefficient") / w.number("hardness"))
 }
 
 fn static_not_below_sliding(record: &Record, checker: &mut Checker) {
@@ -702,7 +722,7 @@ fn stages(file: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> Ve
     }
     let mut all: Vec<StagePart> = Vec::new();
     for record in records {
-        let stage = stage(record, geometry, checker);
+        let stage = stage(record, geometry, file, checker);
         if all.iter().any(|s| s.name == stage.name && !s.name.value.is_empty()) {
             let message = format!("two stages are called `{}`", stage.name.value);
             checker.error(
@@ -716,7 +736,7 @@ fn stages(file: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> Ve
     all
 }
 
-fn stage(record: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> StagePart {
+fn stage(record: &Record, geometry: &[GeometryPart], file: &Record, checker: &mut Checker) -> StagePart {
     // Keys whose values failed have their own errors.
     let lasts = record.written("until") || record.written("duration");
     let until = match record.table("until") {
@@ -743,7 +763,11 @@ fn stage(record: &Record, geometry: &[GeometryPart], checker: &mut Checker) -> S
         bond: record.flag("bond"),
         moves: record.named("move").iter().map(|(name, m)| (name.value.clone(), motion(m))).collect(),
         measures: record.named("measure").iter().map(|(name, m)| measure(name, m)).collect(),
-        surveys: record.named("survey").iter().filter_map(|(name, s)| survey(name, s, checker)).collect(),
+        surveys: record
+            .named("survey")
+            .iter()
+            .filter_map(|(name, s)| survey(name, s, file, checker))
+            .collect(),
         deformation: record.table("cell").map(|cell| deformation(cell, checker)),
     };
     let acts = ["remove", "withdraw", "insert", "bond"].into_iter().any(|key| record.written(key));
@@ -819,35 +843,6 @@ fn measured_surface_moves(
     }
 }
 
-fn survey(name: &Located<String>, record: &Record, checker: &mut Checker) -> Option<SurveyPart> {
-    let of = if record.text("of") == "bulk-density" {
-        let Some(region) = record.table("region") else {
-            if !record.written("region") {
-                let message = format!("`survey.{}` needs `region`", name.value);
-                checker.error(
-                    SceneError::new("missing", record.place("of"), message)
-                        .label("of which part of the bed?")
-                        .help("write region = { min = [0, 0, 0], max = [0.1, 0.1, 0.1] }, inside the bed"),
-                );
-            }
-            return None;
-        };
-        let (min, max) = corners(region, &format!("survey.{}.region", name.value), checker);
-        Surveyed::BulkDensity { min, max }
-    } else {
-        if record.written("region") {
-            let message = format!("`survey.{}.region` means nothing of an angle of repose", name.value);
-            checker.error(
-                SceneError::new("conflict", record.place("region"), message)
-                    .label("has no effect")
-                    .help("take it away: the slope is that of the heap of all particles"),
-            );
-        }
-        Surveyed::AngleOfRepose
-    };
-    Some(SurveyPart { name: name.value.clone(), of })
-}
-
 fn measure(name: &Located<String>, record: &Record) -> MeasurePart {
     let of = record.text("of");
     let (surface, component) = of.rsplit_once('.').unwrap_or_default();
@@ -911,6 +906,7 @@ fn use_built_in(scene: &mut Scene) {
                 material.name
             ));
             scene.materials.push(material);
+            scene.wear.push(0.0);
         }
     }
 }

@@ -59,6 +59,21 @@ pub(super) fn fields(output: &Record, domain: &DomainPart, checker: &mut Checker
     all
 }
 
+/// Contacts are a part of frames.
+pub(super) fn contacts_need_frames(output: &Record, checker: &mut Checker) {
+    if output.flag("contacts") && !output.written("frames") {
+        checker.error(
+            SceneError::new(
+                "missing",
+                output.place("contacts"),
+                "contacts are shown in frames, and there are none",
+            )
+            .label("nothing would be written")
+            .help("write frames = \"20 ms\" in [output], or leave `contacts` out"),
+        );
+    }
+}
+
 fn field(record: &Record, domain: &DomainPart, checker: &mut Checker) -> FieldSpec {
     let name = record.text("name");
     let corner = |key: &str, otherwise: Vec3| if record.has(key) { record.vector(key) } else { otherwise };

@@ -68,6 +68,8 @@ pub struct Calibration {
     pub targets: Vec<Target>,
     /// How it is searched.
     pub method: Method,
+    /// What may stand for simulations, if anything.
+    pub surrogate: Option<Surrogate>,
     /// When the search ends.
     pub stop: Stop,
     /// The cost up to which an evaluation counts as good.
@@ -151,12 +153,22 @@ impl Method {
     }
 }
 
+/// A Gaussian process that stands for simulations where it is sure enough.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surrogate {
+    /// So many evaluations are simulated before it is asked; at least two.
+    pub after: usize,
+    /// A set of parameters is simulated if the standard deviation of its cost is predicted to be more than this share of the
+    /// cost, or more than this number of scatters where that is less than one; above 0.
+    pub spread: f64,
+}
+
 /// When a search ends: as soon as one of these holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
     /// So many rounds are done, the first included.
     pub rounds: usize,
-    /// Another round, after the first, would need more evaluations than this.
+    /// Another round, after the first, would simulate more evaluations than this.
     pub evaluations: Option<usize>,
     /// A cost is not above this.
     pub cost: Option<f64>,
@@ -390,6 +402,7 @@ impl Reader<'_> {
         self.names_differ(file);
         let method = method(file);
         let stop = self.stop(file, &method);
+        let surrogate = file.table("surrogate").map(|table| surrogate(table, free.len()));
         Calibration {
             title: file.text("title"),
             seed: file.integer("seed"),
@@ -398,6 +411,7 @@ impl Reader<'_> {
             followers,
             targets,
             method,
+            surrogate,
             stop,
             good: file.number("good"),
             probe: file.number("probe"),
@@ -559,6 +573,13 @@ fn method(file: &Record) -> Method {
         crossover: evolution.number("crossover"),
         adaptive: evolution.flag("adaptive"),
     }
+}
+
+/// Ten points for each parameter teach it before it is asked (Loeppky, Sacks and Welch 2009, "Choosing the sample size of a
+/// computer experiment: a practical guide").
+fn surrogate(table: &Record, free: usize) -> Surrogate {
+    let after = table.has("after").then(|| usize::try_from(table.integer("after")).unwrap_or(usize::MAX));
+    Surrogate { after: after.unwrap_or(10 * free), spread: table.number("spread") }
 }
 
 /// Whether a table names what is run.

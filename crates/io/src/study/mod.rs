@@ -34,7 +34,7 @@ use crate::scene::table::{Field, Kind};
 use crate::scene::{Located, MOST_BYTES, first};
 use crate::units::Dimension;
 pub use calibration::{
-    CALIBRATION_COLUMNS, Calibration, Experiment, Free, Method, Quantity, Statistic, Stop, Target,
+    CALIBRATION_COLUMNS, Calibration, Experiment, Free, Method, Quantity, Statistic, Stop, Surrogate, Target,
     calibration_schema,
 };
 use fields::{SAMPLERS, STUDY};

@@ -1,10 +1,11 @@
-//! What a calibration answers: the best agents, clusters of good ones, intervals.
+//! What a calibration answers: the best agents, clusters of good ones, intervals. Agents are those that were simulated.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 
 use super::found::shown;
+use super::surrogate::share_of;
 use super::{Calibrator, Evaluation};
 use crate::search::{Posterior, clusters};
 
@@ -54,6 +55,15 @@ pub struct Interval {
     pub median: f64,
     /// The interval with 95 % of it.
     pub credible_95: [f64; 2],
+    /// The share of the posterior's weight that stands on predictions of the surrogate.
+    #[serde(skip_serializing_if = "none")]
+    pub predicted: f64,
+}
+
+/// Whether no part of a number is predicted.
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+fn none(share: &f64) -> bool {
+    *share == 0.0
 }
 
 /// Clusters of the good agents.
@@ -67,10 +77,11 @@ pub(super) struct Found {
 }
 
 impl Calibrator<'_> {
-    /// Evaluations with a cost, the best first.
+    /// Evaluations that were simulated and have a cost, the best first.
     fn ranked(&self) -> Vec<usize> {
-        let mut order: Vec<usize> =
-            (0..self.evaluations.len()).filter(|k| self.evaluations[*k].cost.is_finite()).collect();
+        let told =
+            |k: &usize| self.evaluations[*k].predicted.is_none() && self.evaluations[*k].cost.is_finite();
+        let mut order: Vec<usize> = (0..self.evaluations.len()).filter(told).collect();
         order.sort_by(|a, b| self.evaluations[*a].cost.total_cmp(&self.evaluations[*b].cost));
         order
     }
@@ -171,6 +182,7 @@ impl Calibrator<'_> {
             mean: value(posterior.mean[k]),
             median: quantile(0.5),
             credible_95: [quantile(0.025), quantile(0.975)],
+            predicted: share_of(posterior, &self.evaluations),
         }
     }
 }

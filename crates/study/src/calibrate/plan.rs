@@ -201,12 +201,15 @@ impl Plan {
     pub(super) fn digest(&self) -> String {
         let c = &self.calibration;
         let experiments: Vec<_> = c.experiments.iter().map(|e| (&e.name, &e.sets)).collect();
-        Digest::default()
+        let digest = Digest::default()
             .debug(&self.scene_hashes)
             .debug(&experiments)
             .debug(&(c.seed, &c.free, &c.followers, &c.targets))
-            .debug(&(c.method, c.probe))
-            .finish()
+            .debug(&(c.method, c.probe));
+        match c.surrogate {
+            Some(surrogate) => digest.debug(&surrogate).finish(),
+            None => digest.finish(),
+        }
     }
 }
 

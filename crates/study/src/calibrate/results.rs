@@ -12,12 +12,15 @@ use serde::Serialize;
 
 use super::answers::{Agent, Cluster, Interval};
 use super::identify::{Known, covariance, doubts, known, uncertainty};
-use super::{Calibrator, End, Slopes};
+use super::surrogate::Report;
+use super::{Calibrator, End, Evaluation, Slopes};
 use crate::drive::Listener;
 use crate::ensemble::{StudyError, short, told_once};
 use crate::search::{Posterior, Search};
 use crate::sweep::word;
 
+/// The status of an evaluation by the surrogate in `evaluations.csv`.
+const PREDICTED: &str = "predicted";
 /// Samples that a plot of a posterior shows.
 const SHOWN: usize = 400;
 
@@ -59,6 +62,9 @@ pub struct Summary {
     pub good: usize,
     /// That cost \[scatters\].
     pub clusters_up_to_cost: f64,
+    /// What the surrogate did, if there was one, and how far off it was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surrogate: Option<Report>,
     /// What a filter found, beside the parameters' intervals.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub posterior: Option<Posterior>,
@@ -78,8 +84,10 @@ pub struct Summary {
 pub struct Counts {
     /// All that ended, those around the best included.
     pub evaluations: usize,
-    /// Have a cost.
+    /// Were simulated and have a cost.
     pub done: usize,
+    /// Have a cost by the surrogate.
+    pub predicted: usize,
     /// Were stopped by a guard, or measured nothing.
     pub failed: usize,
     /// Could not be set up.
@@ -135,10 +143,12 @@ pub struct Wanted {
 pub struct Round {
     /// The least cost so far.
     pub best: f64,
-    /// Mean cost of those that the search goes on from and that have one.
+    /// Mean cost of those that the search goes on from and that have one, those of the surrogate included.
     pub mean: f64,
     /// How many of the round's evaluations have none.
     pub without: usize,
+    /// How many of the round's evaluations are by the surrogate.
+    pub predicted: usize,
     /// Of a filter, the noise scale of its posterior, in scatters of the targets.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scale: Option<f64>,
@@ -149,12 +159,19 @@ pub struct Round {
 }
 
 impl Round {
-    pub(super) fn of(costs: &[f64], carried: &[f64], before: f64, posterior: Option<&Posterior>) -> Self {
+    pub(super) fn of(
+        costs: &[f64],
+        carried: &[f64],
+        before: f64,
+        predicted: usize,
+        posterior: Option<&Posterior>,
+    ) -> Self {
         let finite: Vec<f64> = carried.iter().copied().filter(|c| c.is_finite()).collect();
         Self {
             best: costs.iter().copied().fold(before, f64::min),
             mean: finite.iter().sum::<f64>() / finite.len() as f64,
             without: costs.iter().filter(|c| !c.is_finite()).count(),
+            predicted,
             scale: posterior.map(|p| p.scale),
             uncertainty: posterior.map(|p| uncertainty(&p.covariance)),
         }
@@ -188,6 +205,7 @@ impl Calibrator<'_> {
             }
         }
         self.warnings.extend(told_once(said, self.evaluations.len()));
+        let surrogate = self.reported(posterior.as_ref(), listener);
         let c = &self.plan.calibration;
         let counts = self.counts();
         let wall_s = started.elapsed().as_secs_f64();
@@ -225,6 +243,7 @@ impl Calibrator<'_> {
             silhouette: found.silhouette,
             good: found.good,
             clusters_up_to_cost: found.up_to,
+            surrogate,
             posterior,
             rounds: self.rounds.clone(),
             performance: summary::Performance {
@@ -260,10 +279,23 @@ impl Calibrator<'_> {
         self.plan.calibration.experiments.iter().filter_map(run).collect()
     }
 
+    /// What the surrogate did, and warnings of it.
+    fn reported(&mut self, posterior: Option<&Posterior>, listener: &mut dyn Listener) -> Option<Report> {
+        let surrogate = self.surrogate.as_ref()?;
+        let c = &self.plan.calibration;
+        let report = surrogate.report(&self.evaluations, posterior, c);
+        for line in surrogate.doubts(&c.targets) {
+            listener.warn(&line);
+            self.warnings.push(line);
+        }
+        Some(report)
+    }
+
     fn counts(&self) -> Counts {
-        let of = |status| self.evaluations.iter().filter(|e| e.status == status).count();
+        let of = |status| self.simulated().filter(|e| e.status == status).count();
         Counts {
             evaluations: self.evaluations.len(),
+            predicted: self.evaluations.iter().filter(|e| e.predicted.is_some()).count(),
             done: of(summary::Status::Done),
             failed: of(summary::Status::Failed),
             refused: of(summary::Status::Refused),
@@ -394,7 +426,7 @@ impl Calibrator<'_> {
         let mut header = vec![number.to_owned(), round.to_owned()];
         header.extend(names);
         header.extend([cost, status, reason, hash].map(str::to_owned));
-        let row = |(k, e): (usize, &super::Evaluation)| {
+        let row = |(k, e): (usize, &Evaluation)| {
             let mut cells = vec![Cell::Count(k as u64), Cell::Count(e.round as u64)];
             cells.extend(e.world.values.iter().map(|value| match value {
                 Value::Number(x) => Cell::Number(*x),
@@ -403,10 +435,14 @@ impl Calibrator<'_> {
             }));
             cells.extend((0..c.targets.len()).map(|t| Cell::Number(self.shown(e, t))));
             let cost = if e.cost.is_finite() { e.cost } else { f64::NAN };
+            let (status, reason) = match e.predicted {
+                Some(spread) => (PREDICTED, Some(format!("cost within {}", short(spread)))),
+                None => (word(e.status), e.reason.clone()),
+            };
             cells.extend([
                 Cell::Number(cost),
-                Cell::Text(word(e.status).to_owned()),
-                Cell::Text(e.reason.clone().unwrap_or_default()),
+                Cell::Text(status.to_owned()),
+                Cell::Text(reason.unwrap_or_default()),
                 Cell::Text(e.state_hashes.join(" ").trim().to_owned()),
             ]);
             cells
@@ -432,21 +468,30 @@ impl Calibrator<'_> {
         }
         .to_svg();
         dir.write_plot("convergence", &svg)?;
-        let values = |k: usize| -> Vec<f64> {
-            self.evaluations.iter().map(|e| e.world.values[k].number().unwrap_or(f64::NAN)).collect()
+        let (simulated, predicted): (Vec<&Evaluation>, _) =
+            self.evaluations.iter().partition(|e| e.predicted.is_none());
+        let values = |of: &[&Evaluation], k: usize| -> Vec<f64> {
+            of.iter().map(|e| e.world.values[k].number().unwrap_or(f64::NAN)).collect()
         };
+        let costs = |of: &[&Evaluation]| of.iter().map(|e| shown(e.cost)).collect::<Vec<f64>>();
         let axis = |k: usize| {
             let free = &c.free[k];
             let axis = Axis::new(&free.name, free.unit);
             if free.logarithmic { axis.log() } else { axis }
         };
-        let costs: Vec<f64> = self.evaluations.iter().map(|e| shown(e.cost)).collect();
         for (k, free) in c.free.iter().enumerate() {
+            let (x, y) = (values(&simulated, k), costs(&simulated));
+            let (predicted_x, predicted_y) = (values(&predicted, k), costs(&predicted));
+            let points = |name, x, y| Series { name, x, y, style: Style::Points };
+            let mut series = vec![points("evaluations", &x, &y)];
+            if !predicted.is_empty() {
+                series.push(points("by the surrogate", &predicted_x, &predicted_y));
+            }
             let svg = Plot {
                 title: &format!("Cost over {}", free.name),
                 x: axis(k),
                 y: Axis::new("cost", "scatters").log(),
-                series: vec![Series { name: "evaluations", x: &values(k), y: &costs, style: Style::Points }],
+                series,
                 ..Plot::default()
             }
             .to_svg();

@@ -6,6 +6,7 @@ use glebe_io::output::{Existing, OutputDir, summary};
 use rayon::prelude::*;
 
 use super::found::{Given, cost};
+use super::surrogate::{Candidate, Guess};
 use super::{Calibrator, Evaluation};
 use crate::drive::{Listener, Pulse};
 use crate::ensemble::{Job, Settings, StudyError, divide, make, reason};
@@ -27,6 +28,12 @@ impl Listener for Quiet<'_> {
     }
 }
 
+/// An evaluation that is simulated.
+struct Simulated {
+    number: usize,
+    world: World,
+}
+
 impl Calibrator<'_> {
     /// Runs what is not kept of a round: its worlds as one batch, or several if memory asks for it, and its periodic samples
     /// as another; its evaluations are numbered from `first`. None if it was not finished.
@@ -34,19 +41,26 @@ impl Calibrator<'_> {
         &mut self,
         round: usize,
         first: usize,
-        points: Vec<Vec<f64>>,
+        candidates: &[Candidate],
         later: u64,
         listener: &mut dyn Listener,
     ) -> Result<Option<Vec<f64>>, StudyError> {
         let before = self.evaluations.len();
-        let worlds: Vec<World> = points.iter().map(|x| self.plan.world(x)).collect();
-        let done = self.run_worlds(first, &worlds, later, listener)?
-            && self.run_samples(first, &worlds, listener)?;
+        let simulated: Vec<Simulated> = (first..)
+            .zip(candidates)
+            .filter(|(_, candidate)| candidate.simulated)
+            .map(|(number, candidate)| Simulated { number, world: self.plan.world(&candidate.point) })
+            .collect();
+        let done =
+            self.run_worlds(&simulated, later, listener)? && self.run_samples(first, &simulated, listener)?;
         if !done {
             return Ok(None);
         }
-        for (k, (point, world)) in points.into_iter().zip(worlds).enumerate() {
-            let evaluation = self.evaluation(first + k, round, point, world);
+        for (number, candidate) in (first..).zip(candidates) {
+            let evaluation = match &candidate.guess {
+                Some(guess) if !candidate.simulated => self.guessed(round, &candidate.point, guess),
+                _ => self.evaluation(number, round, &candidate.point),
+            };
             self.evaluations.push(evaluation);
         }
         Ok(Some(self.evaluations[before..].iter().map(|e| e.cost).collect()))
@@ -55,14 +69,15 @@ impl Calibrator<'_> {
     /// Runs the worlds of scenes that are not journaled; false if not all of them ended.
     fn run_worlds(
         &mut self,
-        first: usize,
-        worlds: &[World],
+        simulated: &[Simulated],
         later: u64,
         listener: &mut dyn Listener,
     ) -> Result<bool, StudyError> {
         let all = &self.plan.calibration.experiments;
         let experiments = all.len();
-        let numbers: Vec<usize> = (first * experiments..(first + worlds.len()) * experiments)
+        let numbers: Vec<usize> = simulated
+            .iter()
+            .flat_map(|s| s.number * experiments..(s.number + 1) * experiments)
             .filter(|w| all[w % experiments].samples.is_none())
             .collect();
         let pending: Vec<usize> =
@@ -72,7 +87,8 @@ impl Calibrator<'_> {
         for batch in divide(&pending, particles, settings.batches, settings.memory) {
             let job = |&world: &usize| {
                 let experiment = &all[world % experiments];
-                let own = &worlds[world / experiments - first].sets;
+                let own = simulated.binary_search_by_key(&(world / experiments), |s| s.number);
+                let own = own.map_or(&[][..], |at| &simulated[at].world.sets);
                 let sets = [experiment.sets.as_slice(), own].concat();
                 let made = make(&experiment.scene, &experiment.scene_text, &sets);
                 let made = made.map_err(|errors| reason(&errors));
@@ -92,9 +108,12 @@ impl Calibrator<'_> {
     fn run_samples(
         &mut self,
         first: usize,
-        worlds: &[World],
+        simulated: &[Simulated],
         listener: &mut dyn Listener,
     ) -> Result<bool, StudyError> {
+        if simulated.is_empty() {
+            return Ok(true);
+        }
         let plan = self.plan;
         let experiments = plan.calibration.experiments.len();
         for group in &plan.groups {
@@ -102,8 +121,10 @@ impl Calibrator<'_> {
                 values: Vec::new(),
                 sets: [plan.calibration.experiments[*e].sets.as_slice(), &world.sets].concat(),
             };
-            let variants =
-                worlds.iter().flat_map(|w| group.experiments.iter().map(move |e| of(w, e))).collect();
+            let variants = simulated
+                .iter()
+                .flat_map(|s| group.experiments.iter().map(move |e| of(&s.world, e)))
+                .collect();
             let Some(samples) = rve::Plan::of(group.study.clone(), variants, || false) else {
                 return Ok(false);
             };
@@ -127,14 +148,30 @@ impl Calibrator<'_> {
             for (v, sample) in given.chunks(seeds.max(1)).enumerate() {
                 let (k, e) = (v / group.experiments.len(), group.experiments[v % group.experiments.len()]);
                 let given = Given::by_samples(sample, &plan.targets_of(e));
-                self.sampled.insert((first + k) * experiments + e, given);
+                self.sampled.insert(simulated[k].number * experiments + e, given);
             }
         }
         Ok(true)
     }
 
+    /// What the surrogate says of a set of parameters.
+    fn guessed(&self, round: usize, point: &[f64], guess: &Guess) -> Evaluation {
+        Evaluation {
+            round,
+            point: point.to_vec(),
+            world: self.plan.world(point),
+            found: guess.found.clone(),
+            cost: guess.cost,
+            predicted: Some(guess.spread),
+            status: summary::Status::Done,
+            reason: None,
+            state_hashes: Vec::new(),
+            doubts: Vec::new(),
+        }
+    }
+
     /// What a set of parameters gave.
-    fn evaluation(&mut self, number: usize, round: usize, point: Vec<f64>, world: World) -> Evaluation {
+    fn evaluation(&mut self, number: usize, round: usize, point: &[f64]) -> Evaluation {
         let targets = &self.plan.calibration.targets;
         let experiments = self.plan.calibration.experiments.len();
         let given: Vec<Given> = (0..experiments)
@@ -159,8 +196,9 @@ impl Calibrator<'_> {
         let cost = if status == summary::Status::Done { cost(targets, &found) } else { f64::INFINITY };
         Evaluation {
             round,
-            point,
-            world,
+            point: point.to_vec(),
+            world: self.plan.world(point),
+            predicted: None,
             cost: if cost.is_finite() { cost } else { f64::INFINITY },
             found,
             status,

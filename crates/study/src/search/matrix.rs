@@ -1,4 +1,4 @@
-//! Symmetric matrices of a few rows.
+//! Symmetric matrices: of a few rows by their eigenvectors, of some hundred by their triangular root.
 
 /// Rows of a square matrix.
 pub type Matrix = Vec<Vec<f64>>;
@@ -72,6 +72,90 @@ fn rotate(a: &mut Matrix, v: &mut Matrix, p: usize, q: usize) {
     }
 }
 
+/// The lower triangle L with L Lᵀ = A of a symmetric matrix A that is positive definite.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cholesky {
+    /// Row i has i + 1 elements.
+    rows: Matrix,
+}
+
+impl Cholesky {
+    /// Row by row (Golub and Van Loan 2013, section 4.2); none if the matrix is not positive definite. Of the matrix its lower
+    /// triangle is read.
+    pub fn of(matrix: &[Vec<f64>]) -> Option<Self> {
+        let mut rows: Matrix = Vec::with_capacity(matrix.len());
+        for (i, from) in matrix.iter().enumerate() {
+            let mut row: Vec<f64> = Vec::with_capacity(i + 1);
+            for j in 0..i {
+                let above = &rows[j];
+                row.push((from[j] - lanes(&row, &above[..j])) / above[j]);
+            }
+            let square = from[i] - lanes(&row, &row);
+            if square.is_nan() || square <= 0.0 {
+                return None;
+            }
+            row.push(square.sqrt());
+            rows.push(row);
+        }
+        Some(Self { rows })
+    }
+
+    /// L⁻¹ b.
+    pub fn forward(&self, b: &[f64]) -> Vec<f64> {
+        let mut y: Vec<f64> = Vec::with_capacity(b.len());
+        for (i, (row, b)) in self.rows.iter().zip(b).enumerate() {
+            y.push((b - lanes(&row[..i], &y)) / row[i]);
+        }
+        y
+    }
+
+    /// A⁻¹ b.
+    pub fn solve(&self, b: &[f64]) -> Vec<f64> {
+        let mut x = self.forward(b);
+        for (i, row) in self.rows.iter().enumerate().rev() {
+            x[i] /= row[i];
+            let (before, at) = x.split_at_mut(i);
+            for (x, l) in before.iter_mut().zip(row) {
+                *x -= l * at[0];
+            }
+        }
+        x
+    }
+
+    /// The diagonal of A⁻¹.
+    pub fn inverse_diagonal(&self) -> Vec<f64> {
+        let n = self.rows.len();
+        // A⁻¹ = L⁻ᵀ L⁻¹: squares of the columns of L⁻¹, each of which begins with its own unit.
+        let column = |k: usize| {
+            let mut y: Vec<f64> = Vec::with_capacity(n - k);
+            for (i, row) in self.rows.iter().enumerate().skip(k) {
+                let unit = if i == k { 1.0 } else { 0.0 };
+                y.push((unit - lanes(&row[k..i], &y)) / row[i]);
+            }
+            lanes(&y, &y)
+        };
+        (0..n).map(column).collect()
+    }
+
+    /// The logarithm of the determinant of A.
+    pub fn log_determinant(&self) -> f64 {
+        2.0 * self.rows.iter().enumerate().map(|(i, row)| libm::log(row[i])).sum::<f64>()
+    }
+}
+
+/// Sum of products in four sums side by side.
+fn lanes(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (a4, b4) = (a.chunks_exact(4), b.chunks_exact(4));
+    let rest = dot(a4.remainder(), b4.remainder());
+    for (a, b) in a4.zip(b4) {
+        for k in 0..4 {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    (sums[0] + sums[2]) + (sums[1] + sums[3]) + rest
+}
+
 /// The matrix that changes nothing.
 pub fn identity(n: usize) -> Matrix {
     (0..n).map(|i| (0..n).map(|j| if i == j { 1.0 } else { 0.0 }).collect()).collect()
@@ -132,6 +216,28 @@ mod tests {
                 assert!((found - expected).abs() < 1e-14, "{inverse:?}");
             }
         }
+    }
+
+    #[test]
+    fn triangular_roots_solve() {
+        // Hilbert's matrix of 6 rows with 1 more on its diagonal.
+        let n = 6;
+        let matrix: Matrix = (0..n)
+            .map(|i| (0..n).map(|j| 1.0 / (i + j + 1) as f64 + if i == j { 1.0 } else { 0.0 }).collect())
+            .collect();
+        let root = Cholesky::of(&matrix).unwrap();
+        let x: Vec<f64> = (0..n).map(|k| k as f64 - 2.5).collect();
+        for (found, expected) in root.solve(&times(&matrix, &x)).iter().zip(&x) {
+            assert!((found - expected).abs() < 1e-13, "{found} {expected}");
+        }
+        let eigen = Eigen::of(&matrix);
+        let logs: f64 = eigen.values.iter().map(|v| v.ln()).sum();
+        assert!((root.log_determinant() - logs).abs() < 1e-13, "{logs}");
+        let inverse = eigen.map(|v| 1.0 / v);
+        for (k, found) in root.inverse_diagonal().iter().enumerate() {
+            assert!((found - inverse[k][k]).abs() < 1e-13, "{found}");
+        }
+        assert_eq!(Cholesky::of(&[vec![1.0, 2.0], vec![2.0, 1.0]]), None);
     }
 
     #[test]

@@ -9,6 +9,7 @@ use crate::setup::{Constants, MEMORY};
 use crate::spec::Vec3;
 use crate::state::Particles;
 use crate::surface::{SurfacePoint, physical_contacts};
+use crate::wear::Rub;
 
 /// What a phase is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,6 +57,12 @@ impl Phase<'_> {
     #[inline(always)]
     pub fn breaks(&self) -> bool {
         self.purpose == Purpose::Step && self.c.bonds()
+    }
+
+    /// By how much velocities are behind the places \[s\].
+    #[inline(always)]
+    pub fn lag(&self) -> f32 {
+        if self.c.spec.time.integrator.lags() { 0.5 * self.dt } else { 0.0 }
     }
 
     /// Whether anybody asks for energies.
@@ -127,6 +134,8 @@ pub struct Found {
     pub contacts: [u64; 2],
     /// Bonds that broke in the step.
     pub broken: u64,
+    /// What rubbed on surfaces that wear in the step.
+    pub rubs: Vec<Rub>,
 }
 
 /// Working memory of a thread.
@@ -164,6 +173,7 @@ fn block_phase(
     found.worst = (0.0, 0, 0);
     found.contacts = [0; 2];
     found.broken = 0;
+    found.rubs.clear();
     if ph.purpose != Purpose::Observe {
         sums.fill(Share::default());
         drains.fill(Share::default());
@@ -226,7 +236,13 @@ fn surfaces(
                 fill_surface(ph, lanes, l, m);
             }
             lanes.on_surfaces(group.len());
-            lanes.evaluate(group.len(), ph.c.layout, &ph.pairs[pair_of(&group[0])], ph.dt, ph.accounts());
+            lanes.evaluate(
+                group.len(),
+                ph.c.layout,
+                &ph.pairs[pair_of(&group[0])],
+                [ph.dt, 0.0],
+                ph.accounts(),
+            );
             scatter_surfaces(ph, block, [&mut *sums, &mut *drains], found, lanes, group);
         }
     }
@@ -357,6 +373,13 @@ fn scatter_surfaces(
         }
         let wall = [of(&lanes.v[1]), of(&lanes.w[1])];
         if let Some(s) = ph.c.boundaries[m.boundary as usize].surface {
+            if ph.c.wear_of(s).is_some() {
+                let (boundary, standing) =
+                    (&ph.c.boundaries[m.boundary as usize], &ph.standing[m.boundary as usize]);
+                let facet = shown(boundary, standing, m.arm, m.at.triangle);
+                let (force, sliding) = (force.map(f64::from), of(&lanes.vt).map(f64::from));
+                found.rubs.push(Rub::new(s, facet, force, m.at.n, sliding, ph.c.dt));
+            }
             // The reaction: minus the force at the contact point, minus the rolling torque's partner.
             let f = force.map(|x| -f64::from(x));
             let t = add(crate::lattice::cross(m.arm, f), of(&lanes.torque[1]).map(f64::from));

@@ -19,14 +19,10 @@ pub struct Columns<'a> {
     pub hi: &'a mut [[i32; 3]],
     /// Rest below one unit.
     pub rest: &'a mut [[f32; 3]],
-    /// Velocities before the step.
-    pub velocity: &'a [Velocity],
-    /// Spins before the step.
-    pub spin: &'a [Spin],
-    /// Velocities after the step.
-    pub velocity_new: &'a mut [Velocity],
-    /// Spins after the step.
-    pub spin_new: &'a mut [Spin],
+    /// Velocities.
+    pub velocity: &'a mut [Velocity],
+    /// Spins.
+    pub spin: &'a mut [Spin],
     /// Accelerations of the step before, then of this one.
     pub acceleration: &'a mut [[f32; 3]],
     /// Angular accelerations.
@@ -35,6 +31,26 @@ pub struct Columns<'a> {
     pub force: &'a mut [[f32; 3]],
     /// Places at the last rebuild.
     pub lo_ref: &'a [[u32; 3]],
+}
+
+impl Columns<'_> {
+    /// The same columns, of which a compiler sees that they are of one length: an index is checked once.
+    #[inline(always)]
+    fn even(&mut self) -> Columns<'_> {
+        let n = self.place.len();
+        Columns {
+            first: self.first,
+            place: &mut self.place[..n],
+            hi: &mut self.hi[..n],
+            rest: &mut self.rest[..n],
+            velocity: &mut self.velocity[..n],
+            spin: &mut self.spin[..n],
+            acceleration: &mut self.acceleration[..n],
+            angular: &mut self.angular[..n],
+            force: &mut self.force[..n],
+            lo_ref: &self.lo_ref[..n],
+        }
+    }
 }
 
 /// What is the same for all particles.
@@ -52,6 +68,8 @@ pub struct Step {
     pub inverse: [Quad; 3],
     /// From units to metres, by columns.
     pub unit: [Quad; 3],
+    /// Whether these two have nothing beside their diagonals.
+    pub diagonal: bool,
     /// Windows along each periodic axis, 0 where the axis is open.
     pub wrap: [i32; 3],
     /// What gravity does over a period of each axis that wraps \[J/kg\].
@@ -72,6 +90,7 @@ impl Step {
             gradient: space.gradient.map(f),
             inverse: f(space.lattice.inverse),
             unit: f(space.lattice.unit),
+            diagonal: space.lattice.orthogonal,
             wrap: [0, 1, 2].map(|k| if c.lattice.periodic[k] { c.lattice.windows[k] as i32 } else { 0 }),
             fall: c.fall(),
             runaway: (far * far) as f32,
@@ -83,7 +102,7 @@ impl Step {
     /// `U v`, what a deforming cell takes from the acceleration of a particle with the velocity `v` \[m/s²\].
     #[inline(always)]
     pub fn carried(&self, v: Quad) -> Quad {
-        self.gradient.map_or([0.0; 4], |u| product(&u, v))
+        self.gradient.map_or([0.0; 4], |u| product::<false>(&u, v))
     }
 }
 
@@ -115,15 +134,35 @@ pub struct Contacts<'a> {
     pub drains: &'a [Share],
 }
 
-impl Contacts<'_> {
+/// The shares of a block's particles.
+pub struct Shares<'a> {
+    /// Of all blocks.
+    all: &'a [Share],
+    /// What the block itself has summed for its particles.
+    own: &'a [Share],
+    /// Entries of the particle `local` are `start[local]..start[local + 1]`.
+    start: &'a [u32],
+    /// Where in `all` other blocks have summed for it.
+    entry: &'a [u32],
+}
+
+impl<'a> Contacts<'a> {
+    /// Those of `all`, which is `sums` or `drains`.
+    pub fn shares(&self, all: &'a [Share]) -> Shares<'a> {
+        let (first, count) = (self.block.first, self.block.count());
+        let base = self.incoming.base[first / BLOCK] as usize;
+        let start = &self.incoming.start[first..=first + count];
+        Shares { all, own: &all[base..base + count], start, entry: &self.incoming.entry }
+    }
+}
+
+impl Shares<'_> {
     /// The share of the particle `local` in its own block and those in other blocks, in their order.
     #[inline(always)]
-    pub fn sum(&self, of: &[Share], local: usize) -> Share {
-        let i = self.block.first + local;
-        let mut sum = of[self.incoming.base[self.block.first / BLOCK] as usize + local];
-        let others = self.incoming.start[i] as usize..self.incoming.start[i + 1] as usize;
-        for &k in &self.incoming.entry[others] {
-            let share = &of[k as usize];
+    pub fn sum(&self, local: usize) -> Share {
+        let mut sum = self.own[local];
+        for &k in &self.entry[self.start[local] as usize..self.start[local + 1] as usize] {
+            let share = &self.all[k as usize];
             for x in 0..4 {
                 sum.force[x] += share.force[x];
                 sum.torque[x] += share.torque[x];
@@ -133,7 +172,7 @@ impl Contacts<'_> {
     }
 }
 
-/// One block's motion: ahead of the force, or with the forces of its contacts.
+/// One block's motion: ahead of the force, or with the forces of its contacts. `dx` is room to work in.
 #[inline(always)]
 pub fn advance<S: Scheme>(
     c: &mut Columns<'_>,
@@ -141,15 +180,25 @@ pub fn advance<S: Scheme>(
     moved: &mut Moved,
     contacts: Option<Contacts<'_>>,
     first: bool,
+    dx: &mut Displacements,
 ) {
-    let Some(contacts) = contacts else { return before::<S>(c, s, moved) };
-    match (s.damping > 0.0, s.gradient.is_some()) {
-        (false, false) => forced::<S, false, false>(c, s, moved, contacts, first),
-        (false, true) => forced::<S, false, true>(c, s, moved, contacts, first),
-        (true, false) => forced::<S, true, false>(c, s, moved, contacts, first),
-        (true, true) => forced::<S, true, true>(c, s, moved, contacts, first),
+    let c = &mut c.even();
+    match contacts.map(|contacts| (contacts, s.damping > 0.0, s.gradient.is_some())) {
+        None => before::<S>(c, s, dx),
+        Some((contacts, false, false)) => forced::<S, false, false>(c, s, moved, contacts, first, dx),
+        Some((contacts, false, true)) => forced::<S, false, true>(c, s, moved, contacts, first, dx),
+        Some((contacts, true, false)) => forced::<S, true, false>(c, s, moved, contacts, first, dx),
+        Some((contacts, true, true)) => forced::<S, true, true>(c, s, moved, contacts, first, dx),
+    }
+    if s.diagonal {
+        displace::<true>(c, s, dx, moved);
+    } else {
+        displace::<false>(c, s, dx, moved);
     }
 }
+
+/// Displacements of a block's particles in a step \[m\].
+pub type Displacements = [Quad; BLOCK];
 
 /// With the forces of contacts.
 #[inline(always)]
@@ -159,21 +208,23 @@ fn forced<S: Scheme, const DAMPED: bool, const DEFORMS: bool>(
     moved: &mut Moved,
     contacts: Contacts<'_>,
     first: bool,
+    dx: &mut Displacements,
 ) {
-    for i in 0..c.place.len() {
-        let pull = contacts.sum(contacts.sums, i);
-        after::<S, DAMPED, DEFORMS>(c, s, i, pull, first, moved);
-        if contacts.drains.is_empty() {
-            continue;
-        }
-        // The power of the dissipating forces was taken with velocities before the step; this adds what the
-        // change of velocity makes of it.
-        let drain = contacts.sum(contacts.drains, i);
-        let (v, w) = (&c.velocity[i].v, &c.spin[i].w);
-        let (v_new, w_new) = (&c.velocity_new[i].v, &c.spin_new[i].w);
-        for k in 0..3 {
-            let [f, t] = [drain.force[k], drain.torque[k]];
-            moved.drain += f64::from(f * (v_new[k] - v[k]) + t * (w_new[k] - w[k]));
+    let sums = contacts.shares(contacts.sums);
+    let drains = (!contacts.drains.is_empty()).then(|| contacts.shares(contacts.drains));
+    let n = c.place.len().min(sums.own.len());
+    for (i, dx) in dx[..n].iter_mut().enumerate() {
+        let before = drains.is_some().then(|| (c.velocity[i].v, c.spin[i].w));
+        *dx = after::<S, DAMPED, DEFORMS>(c, s, i, sums.sum(i), first, moved);
+        if let (Some(drains), Some((v, w))) = (&drains, before) {
+            // The power of the dissipating forces was taken with velocities before the step; this adds what the
+            // change of velocity makes of it.
+            let drain = drains.sum(i);
+            let (v_new, w_new) = (&c.velocity[i].v, &c.spin[i].w);
+            for k in 0..3 {
+                let [f, t] = [drain.force[k], drain.torque[k]];
+                moved.drain += f64::from(f * (v_new[k] - v[k]) + t * (w_new[k] - w[k]));
+            }
         }
     }
 }
@@ -196,27 +247,39 @@ fn four<T>(f: impl Fn(usize) -> T) -> [T; 4] {
     [f(0), f(1), f(2), f(3)]
 }
 
+/// The integer that a whole number is, of which the last 32 bits count. A sum with 1.5·2⁵² has them as its own last bits;
+/// a cast would look for numbers that no integer is, one by one.
+#[inline(always)]
+fn integer(whole: f32) -> i32 {
+    const LAST_BITS: f64 = 6_755_399_441_055_744.0;
+    (f64::from(whole) + LAST_BITS).to_bits() as i32
+}
+
 /// The product of a matrix, given by columns, and a vector.
 #[inline(always)]
-fn product(columns: &[Quad; 3], v: Quad) -> Quad {
-    four(|k| columns[0][k] * v[0] + columns[1][k] * v[1] + columns[2][k] * v[2])
+fn product<const DIAGONAL: bool>(columns: &[Quad; 3], v: Quad) -> Quad {
+    if DIAGONAL {
+        [columns[0][0] * v[0], columns[1][1] * v[1], columns[2][2] * v[2], 0.0]
+    } else {
+        four(|k| columns[0][k] * v[0] + columns[1][k] * v[1] + columns[2][k] * v[2])
+    }
 }
 
 /// Ahead of the force: schemes that move with the acceleration of the step before.
 #[inline(always)]
-fn before<S: Scheme>(c: &mut Columns<'_>, s: &Step, moved: &mut Moved) {
-    for i in 0..c.place.len() {
+fn before<S: Scheme>(c: &mut Columns<'_>, s: &Step, dx: &mut Displacements) {
+    for (i, dx) in dx[..c.place.len()].iter_mut().enumerate() {
         let (v, w) = (c.velocity[i], c.spin[i]);
         let (linear, angular) = (quad(c.acceleration[i]), quad(c.angular[i]));
         let (old, spin) = (quad(v.v), quad(w.w));
         let x = four(|k| S::before(old[k], linear[k], s.dt));
-        c.velocity_new[i] = Velocity { v: three(x.map(|x| x.v)), ..v };
-        c.spin_new[i] = Spin { w: three(four(|k| S::before(spin[k], angular[k], s.dt).v)), ..w };
-        displace(c, s, i, x.map(|x| x.dx), moved);
+        c.velocity[i] = Velocity { v: three(x.map(|x| x.v)), ..v };
+        c.spin[i] = Spin { w: three(four(|k| S::before(spin[k], angular[k], s.dt).v)), ..w };
+        *dx = x.map(|x| x.dx);
     }
 }
 
-/// With the force and torque on particle `i` of the block.
+/// With the force and torque on particle `i` of the block; returns its displacement \[m\].
 #[inline(always)]
 fn after<S: Scheme, const DAMPED: bool, const DEFORMS: bool>(
     c: &mut Columns<'_>,
@@ -225,7 +288,7 @@ fn after<S: Scheme, const DAMPED: bool, const DEFORMS: bool>(
     pull: Share,
     first: bool,
     moved: &mut Moved,
-) {
+) -> Quad {
     let (velocity, spin) = (c.velocity[i], c.spin[i]);
     let radius = c.place[i].radius;
     let inv_mass = velocity.inv_mass;
@@ -261,48 +324,64 @@ fn after<S: Scheme, const DAMPED: bool, const DEFORMS: bool>(
             moved.lifted -= f64::from(carried[k]) * mid / f64::from(inv_mass);
         }
     }
-    c.velocity_new[i] = Velocity { v: three(x.map(|x| x.v)), inv_mass };
-    c.spin_new[i] = Spin { w: three(y.map(|y| y.v)), ..spin };
+    c.velocity[i] = Velocity { v: three(x.map(|x| x.v)), inv_mass };
+    c.spin[i] = Spin { w: three(y.map(|y| y.v)), ..spin };
     c.force[i] = three(pull.force);
     c.acceleration[i] = three(a);
     c.angular[i] = three(b);
-    displace(c, s, i, x.map(|x| x.dx), moved);
+    x.map(|x| x.dx)
 }
 
-/// Moves a particle by `dx` \[m\].
+/// Moves the particles of a block.
 #[inline(always)]
-fn displace(c: &mut Columns<'_>, s: &Step, i: usize, dx: Quad, moved: &mut Moved) {
-    let d2 = dx[0] * dx[0] + dx[1] * dx[1] + dx[2] * dx[2];
-    if d2.is_nan() || d2 > s.runaway {
-        moved.runaway.get_or_insert((c.first + i) as u32);
-        return;
-    }
-    let (rest, units) = (quad(c.rest[i]), product(&s.inverse, dx));
-    let sum = four(|k| rest[k] + units[k]);
-    let whole = sum.map(f32::round_ties_even);
-    c.rest[i] = three(four(|k| sum[k] - whole[k]));
-    let place = c.place[i];
-    let [x, y, z] = place.lo;
-    let lo = [x, y, z, 0];
-    let by = whole.map(|w| w as i32);
-    let new = four(|k| lo[k].wrapping_add(by[k] as u32));
-    c.place[i] = Place { lo: [new[0], new[1], new[2]], ..place };
-    // One more window where the sum is past its end, one less where a negative step has not made it smaller.
-    let carry = four(|k| i32::from(new[k] < lo[k]) - i32::from(by[k] < 0));
-    if carry[0] | carry[1] | carry[2] != 0 {
-        for k in 0..3 {
-            let hi = c.hi[i][k] + carry[k];
-            c.hi[i][k] = hi;
-            if s.wrap[k] > 0 {
-                c.hi[i][k] = hi.rem_euclid(s.wrap[k]);
-                let turns = (hi - c.hi[i][k]) / s.wrap[k];
-                moved.lifted += f64::from(turns) * s.fall[k] / f64::from(c.velocity[i].inv_mass);
+fn displace<const DIAGONAL: bool>(c: &mut Columns<'_>, s: &Step, dx: &Displacements, moved: &mut Moved) {
+    let mut furthest = moved.displacement;
+    for (i, &dx) in dx[..c.place.len()].iter().enumerate() {
+        let d2 = dx[0] * dx[0] + dx[1] * dx[1] + dx[2] * dx[2];
+        if d2.is_nan() || d2 > s.runaway {
+            moved.runaway.get_or_insert((c.first + i) as u32);
+            continue;
+        }
+        let (rest, units) = (quad(c.rest[i]), product::<DIAGONAL>(&s.inverse, dx));
+        let sum = four(|k| rest[k] + units[k]);
+        let whole = sum.map(f32::round_ties_even);
+        c.rest[i] = three(four(|k| sum[k] - whole[k]));
+        let place = c.place[i];
+        let [x, y, z] = place.lo;
+        let lo = [x, y, z, 0];
+        let by = whole.map(integer);
+        let new = four(|k| lo[k].wrapping_add(by[k] as u32));
+        c.place[i] = Place { lo: [new[0], new[1], new[2]], ..place };
+        // One more window where the sum is past its end, one less where a negative step has not made it smaller.
+        let carry = four(|k| i32::from(new[k] < lo[k]) - i32::from(by[k] < 0));
+        if carry[0] | carry[1] | carry[2] != 0 {
+            for k in 0..3 {
+                let hi = c.hi[i][k] + carry[k];
+                c.hi[i][k] = hi;
+                if s.wrap[k] > 0 {
+                    c.hi[i][k] = hi.rem_euclid(s.wrap[k]);
+                    let turns = (hi - c.hi[i][k]) / s.wrap[k];
+                    moved.lifted += f64::from(turns) * s.fall[k] / f64::from(c.velocity[i].inv_mass);
+                }
             }
         }
+        let [x, y, z] = c.lo_ref[i];
+        let from = [x, y, z, 0];
+        let away = product::<DIAGONAL>(&s.unit, four(|k| new[k].wrapping_sub(from[k]) as i32 as f32));
+        let square = away[0] * away[0] + away[1] * away[1] + away[2] * away[2];
+        furthest = furthest.max(square);
     }
-    let [x, y, z] = c.lo_ref[i];
-    let from = [x, y, z, 0];
-    let away = product(&s.unit, four(|k| new[k].wrapping_sub(from[k]) as i32 as f32));
-    let square = away[0] * away[0] + away[1] * away[1] + away[2] * away[2];
-    moved.displacement = moved.displacement.max(square);
+    moved.displacement = furthest;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_numbers_become_their_integers() {
+        for x in [0.0, -0.0, 1.0, -1.0, 12_345_678.0, -16_777_216.0, 2_147_483_520.0, -2_147_483_648.0_f32] {
+            assert_eq!(integer(x), x as i32, "{x}");
+        }
+    }
 }

@@ -6,7 +6,7 @@
 use glebe_physics::kernel::bond::{self, Bond, Held, Parting};
 use glebe_physics::kernel::cohesion::{self, Cohesion, within};
 use glebe_physics::kernel::contact::{
-    Coefficients, Memory, Touch, pressed, relative_velocity, tangential_part,
+    Coefficients, Memory, Touch, lagging_spin, pressed, relative_velocity, tangential_part,
 };
 use glebe_physics::kernel::normal::{self, Normal};
 use glebe_physics::kernel::rolling::{self, Roll, Rolling};
@@ -88,7 +88,8 @@ pub struct Lanes {
     m_eff: Lane,
     diameter: Lane,
     vn: Lane,
-    vt: Lane3,
+    /// Tangential velocity of i against j where they touch \[m/s\].
+    pub vt: Lane3,
     elastic: Lane,
     viscous: Lane,
     /// Stiffness of the normal spring \[N/m\].
@@ -185,7 +186,7 @@ fn put(a: &mut Lane3, l: usize, v: V3) {
 /// Lanes in whole vectors of any width. Those beyond `used` hold what was there before: it is evaluated too, and
 /// nobody looks at it.
 #[inline(always)]
-fn whole(used: usize) -> usize {
+pub fn whole(used: usize) -> usize {
     used.next_multiple_of(16).min(LANES)
 }
 
@@ -248,20 +249,32 @@ impl Lanes {
     }
 
     /// Evaluates the laws of a pair of materials for a step `dt` \[s\]; energies and what dissipates only if it
-    /// `accounts` for them.
+    /// `accounts` for them. Velocities of spheres are behind their places by `lag` \[s\]; 0 for surfaces.
     #[inline(always)]
-    pub fn evaluate(&mut self, used: usize, layout: Layout, pair: &Pair, dt: f32, accounts: bool) {
-        if accounts {
-            self.evaluated::<true>(whole(used), layout, pair, dt);
+    pub fn evaluate(
+        &mut self,
+        used: usize,
+        layout: Layout,
+        pair: &Pair,
+        [dt, lag]: [f32; 2],
+        accounts: bool,
+    ) {
+        let used = whole(used);
+        if lag > 0.0 {
+            self.kinematics::<true>(used, lag);
         } else {
-            self.evaluated::<false>(whole(used), layout, pair, dt);
+            self.kinematics::<false>(used, lag);
+        }
+        if accounts {
+            self.evaluated::<true>(used, layout, pair, dt);
+        } else {
+            self.evaluated::<false>(used, layout, pair, dt);
         }
     }
 
     #[inline(always)]
     fn evaluated<const ACCOUNTS: bool>(&mut self, used: usize, layout: Layout, pair: &Pair, dt: f32) {
         let laws = pair.laws;
-        self.kinematics(used);
         let yields = !(laws.normal.history().is_empty() && laws.cohesion.history().is_empty());
         if yields {
             self.lost = [0.0; LANES];
@@ -288,20 +301,20 @@ impl Lanes {
     }
 
     #[inline(always)]
-    fn kinematics(&mut self, used: usize) {
+    fn kinematics<const LAGS: bool>(&mut self, used: usize, lag: f32) {
         for l in 0..used {
             let n = at(&self.n, l);
-            let u = relative_velocity(
-                at(&self.v[0], l),
-                at(&self.v[1], l),
-                at(&self.w[0], l),
-                at(&self.w[1], l),
-                n,
-                self.arm[0][l],
-                self.arm[1][l],
-            );
+            let (vi, vj) = (at(&self.v[0], l), at(&self.v[1], l));
+            let (wi, wj) = (at(&self.w[0], l), at(&self.w[1], l));
+            let (arm_i, arm_j) = (self.arm[0][l], self.arm[1][l]);
+            let u = relative_velocity(vi, vj, wi, wj, n, arm_i, arm_j);
             self.vn[l] = dot(u, n);
-            put(&mut self.vt, l, tangential_part(u, n));
+            let slips = if LAGS {
+                plus(u, lagging_spin(vi, vj, wi, wj, arm_i, arm_j, lag / (arm_i + arm_j)))
+            } else {
+                u
+            };
+            put(&mut self.vt, l, tangential_part(slips, n));
             self.m_eff[l] = 1.0 / (self.inv_mass[0][l] + self.inv_mass[1][l]);
         }
     }

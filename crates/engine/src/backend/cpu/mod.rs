@@ -23,7 +23,7 @@ use glebe_physics::kernel::integrate::{Scheme, Visitor, visit};
 use rayon::prelude::*;
 
 use self::contacts::{Found, Phase, Purpose, Scratch, Space, run};
-use self::integrate::{Columns, Contacts, Moved, Step, advance, quad};
+use self::integrate::{Columns, Contacts, Displacements, Moved, Step, advance, quad};
 use self::lanes::Pair;
 use self::list::{BLOCK, Block, Incoming, Memory, Share};
 use super::common::{
@@ -42,6 +42,7 @@ use crate::state::{Particles, Progress, Spin, State, Velocity};
 
 thread_local! {
     static SCRATCH: RefCell<Scratch> = RefCell::default();
+    static DISPLACEMENTS: RefCell<Displacements> = const { RefCell::new([[0.0; 4]; BLOCK]) };
 }
 
 /// Worlds on the CPU. They run side by side, and large ones also on several threads inside.
@@ -62,8 +63,6 @@ pub struct CpuWorld {
     moved: Vec<Moved>,
     pairs: Vec<Pair>,
     standing: Vec<Standing>,
-    velocity_new: Vec<Velocity>,
-    spin_new: Vec<Spin>,
     step: Step,
     times: PhaseTimes,
 }
@@ -84,8 +83,6 @@ impl World for CpuWorld {
             incoming: Incoming::default(),
             found: Vec::new(),
             moved: Vec::new(),
-            velocity_new: Vec::new(),
-            spin_new: Vec::new(),
             times: PhaseTimes::default(),
         };
         world.load(state);
@@ -233,7 +230,8 @@ impl World for CpuWorld {
 
     fn bytes(&self) -> (usize, usize) {
         let per_particle = size_of::<crate::state::Place>()
-            + 2 * (size_of::<Velocity>() + size_of::<Spin>())
+            + size_of::<Velocity>()
+            + size_of::<Spin>()
             + 6 * size_of::<[f32; 3]>()
             + size_of::<[u32; 3]>()
             + size_of::<u32>() * 2;
@@ -293,8 +291,6 @@ impl CpuWorld {
         }
         self.found.resize_with(self.blocks.len(), Found::default);
         self.moved.resize(self.blocks.len(), Moved::default());
-        self.velocity_new.resize(self.p.len(), Velocity::default());
-        self.spin_new.resize(self.p.len(), Spin::default());
     }
 
     /// New lists from the present configuration. Particles that left the domain are taken out and listed.
@@ -395,8 +391,9 @@ impl CpuWorld {
     fn prime(&mut self) {
         for block in &self.blocks {
             let contacts = Contacts { block, sums: &self.sums, drains: &[], incoming: &self.incoming };
+            let shares = contacts.shares(contacts.sums);
             for local in 0..block.count() {
-                let Share { force: f, torque: t } = contacts.sum(contacts.sums, local);
+                let Share { force: f, torque: t } = shares.sum(local);
                 let i = block.first + local;
                 let (r, inv_mass) = (self.p.place[i].radius, self.p.velocity[i].inv_mass);
                 let carried = self.step.carried(quad(self.p.velocity[i].v));
@@ -449,6 +446,7 @@ impl CpuWorld {
             ledger.dashpots += dt * (dash + (1.0 - share) * late);
             ledger.rolling += dt * (roll + share * late);
         }
+        g.rub(self.found.iter().flat_map(|f| &f.rubs));
         g.account(&self.c, &forces);
     }
 
@@ -616,6 +614,7 @@ fn advance_widest<S: Scheme>(
     moved: &mut Moved,
     contacts: Option<Contacts<'_>>,
     first: bool,
+    dx: &mut Displacements,
 ) {
     widest!(advance::<S: Scheme>(
         c: &mut Columns<'_>,
@@ -623,6 +622,7 @@ fn advance_widest<S: Scheme>(
         moved: &mut Moved,
         contacts: Option<Contacts<'_>>,
         first: bool,
+        dx: &mut Displacements,
     ));
 }
 
@@ -645,10 +645,8 @@ impl Visitor for Motion<'_> {
             p.place.par_chunks_mut(BLOCK),
             p.hi.par_chunks_mut(BLOCK),
             p.rest.par_chunks_mut(BLOCK),
-            p.velocity.par_chunks(BLOCK),
-            p.spin.par_chunks(BLOCK),
-            w.velocity_new.par_chunks_mut(BLOCK),
-            w.spin_new.par_chunks_mut(BLOCK),
+            p.velocity.par_chunks_mut(BLOCK),
+            p.spin.par_chunks_mut(BLOCK),
             p.acceleration.par_chunks_mut(BLOCK),
             p.angular.par_chunks_mut(BLOCK),
             p.force.par_chunks_mut(BLOCK),
@@ -658,23 +656,7 @@ impl Visitor for Motion<'_> {
             .into_par_iter();
         let min = if blocks.len() < 4 { 4 } else { 1 };
         columns.with_min_len(min).enumerate().for_each(
-            |(
-                b,
-                (
-                    place,
-                    hi,
-                    rest,
-                    velocity,
-                    spin,
-                    velocity_new,
-                    spin_new,
-                    acceleration,
-                    angular,
-                    force,
-                    lo_ref,
-                    moved,
-                ),
-            )| {
+            |(b, (place, hi, rest, velocity, spin, acceleration, angular, force, lo_ref, moved))| {
                 *moved = Moved::default();
                 let mut c = Columns {
                     first: b * BLOCK,
@@ -683,8 +665,6 @@ impl Visitor for Motion<'_> {
                     rest,
                     velocity,
                     spin,
-                    velocity_new,
-                    spin_new,
                     acceleration,
                     angular,
                     force,
@@ -692,11 +672,11 @@ impl Visitor for Motion<'_> {
                 };
                 let contacts = Contacts { block: &blocks[b], sums, drains, incoming };
                 let contacts = (!ahead).then_some(contacts);
-                advance_widest::<S>(&mut c, &s, moved, contacts, first);
+                DISPLACEMENTS.with_borrow_mut(|dx| {
+                    advance_widest::<S>(&mut c, &s, moved, contacts, first, dx);
+                });
             },
         );
-        std::mem::swap(&mut w.p.velocity, &mut w.velocity_new);
-        std::mem::swap(&mut w.p.spin, &mut w.spin_new);
         w.moved.iter().fold(Moved::default(), |all, m| Moved {
             displacement: all.displacement.max(m.displacement),
             runaway: all.runaway.or(m.runaway),

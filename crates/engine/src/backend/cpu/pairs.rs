@@ -5,7 +5,7 @@
 //! that touch and candidates that do not stand in no order that a processor could guess.
 
 use super::contacts::{Found, PairSeen, Phase, Purpose};
-use super::lanes::{LANES, Lane3, Lanes};
+use super::lanes::{LANES, Lane3, Lanes, whole};
 use super::list::{Block, Quad, Share};
 use crate::lattice::{dot, mul};
 use crate::setup::MEMORY;
@@ -21,10 +21,12 @@ pub struct Workbench {
     apart: Vec<[u32; 4]>,
     /// By candidate: radius of the first \[m\].
     radius: Vec<f32>,
-    /// By candidate: square of the reach less square of the distance, positive within reach \[m²\].
-    within: Vec<f32>,
+    /// By candidate: whether the two are within reach.
+    close: Vec<bool>,
     /// Candidates within reach.
     near: Vec<u32>,
+    /// By lane, as by candidate.
+    dealt: [[u32; 4]; LANES],
     velocity: [[Velocity; LANES]; 2],
     spin: [[Spin; LANES]; 2],
     history: [[Quad; LANES]; QUADS],
@@ -37,8 +39,9 @@ impl Default for Workbench {
         Self {
             apart: Vec::new(),
             radius: Vec::new(),
-            within: Vec::new(),
+            close: Vec::new(),
             near: Vec::new(),
+            dealt: [[0; 4]; LANES],
             velocity: [[Velocity::default(); LANES]; 2],
             spin: [[Spin::default(); LANES]; 2],
             history: [[[0.0; 4]; LANES]; QUADS],
@@ -96,7 +99,7 @@ fn all<const ORTHOGONAL: bool>(
         let group;
         (group, rest) = rest.split_at(same);
         deal::<ORTHOGONAL>(ph, block, lanes, bench, group);
-        lanes.evaluate(group.len(), ph.c.layout, &ph.pairs[pair], ph.dt, ph.accounts());
+        lanes.evaluate(group.len(), ph.c.layout, &ph.pairs[pair], [ph.dt, ph.lag()], ph.accounts());
         collect::<ORTHOGONAL>(ph, block, [&mut *sums, &mut *drains], found, lanes, bench, group);
     }
     bench.near = near;
@@ -109,7 +112,7 @@ fn measure<const ORTHOGONAL: bool>(ph: &Phase<'_>, block: &Block, bench: &mut Wo
     if bench.apart.len() < n {
         bench.apart.resize(n, [0; 4]);
         bench.radius.resize(n, 0.0);
-        bench.within.resize(n, 0.0);
+        bench.close.resize(n, false);
         bench.near.resize(n, 0);
     }
     let apart = &mut bench.apart[..n];
@@ -118,46 +121,42 @@ fn measure<const ORTHOGONAL: bool>(ph: &Phase<'_>, block: &Block, bench: &mut Wo
     let own = &place[block.first..];
     for ((apart, radius), q) in apart.iter_mut().zip(&mut *radius).zip(&block.candidates) {
         let (pi, pj) = (&own[q.owner as usize], &place[q.partner as usize]);
-        let bits = pj.radius.to_bits();
-        let (a, b) = ([pi.lo[0], pi.lo[1], pi.lo[2], 0], [pj.lo[0], pj.lo[1], pj.lo[2], bits]);
-        for x in 0..4 {
-            apart[x] = b[x].wrapping_sub(a[x]);
-        }
-        *radius = pi.radius;
+        let a = [pi.lo[0], pi.lo[1], pi.lo[2], pi.radius.to_bits()];
+        let b = [pj.lo[0], pj.lo[1], pj.lo[2], pj.radius.to_bits()];
+        let d = [0, 1, 2, 3].map(|x| b[x].wrapping_sub(a[x]));
+        *apart = [d[0], d[1], d[2], b[3]];
+        *radius = f32::from_bits(a[3]);
     }
     let range = ph.c.range;
     let unit = &ph.space.lattice.unit;
-    for ((within, apart), radius) in bench.within[..n].iter_mut().zip(&*apart).zip(&*radius) {
+    for ((close, apart), radius) in bench.close[..n].iter_mut().zip(&*apart).zip(&*radius) {
         let d = metres::<ORTHOGONAL>(unit, *apart);
         let reach = f64::from(*radius) + f64::from(f32::from_bits(apart[3])) + range;
-        *within = (reach * reach - (d[0] * d[0] + d[1] * d[1] + d[2] * d[2])) as f32;
+        *close = reach * reach > d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
     }
 }
 
-/// Lists the candidates within reach, last first, and ends the contacts that are not any more; returns how many are
-/// listed. Last first, a particle sums the contacts that it is the first of before those that it is the second of.
+/// Lists the candidates within reach, last first, and returns how many they are; in a step, contacts begin and end here.
+/// Last first, a particle sums the contacts that it is the first of before those that it is the second of.
 #[inline(always)]
 fn sift(ph: &Phase<'_>, block: &mut Block, bench: &mut Workbench) -> usize {
     let n = block.candidates.len();
+    let close = &bench.close[..n];
+    // They seldom differ, which is seen many at once.
+    if ph.purpose == Purpose::Step && *close != block.touching[..] {
+        for (k, (touching, close)) in block.touching.iter_mut().zip(close).enumerate() {
+            if *touching && !*close {
+                // The next contact of this pair is born without memory.
+                block.history[k * ph.quads..(k + 1) * ph.quads].fill([0.0; 4]);
+            }
+            *touching = *close;
+        }
+    }
     let near = &mut bench.near[..n];
     let mut count = 0;
-    let mut ended = false;
-    for (k, (within, touching)) in bench.within[..n].iter().zip(&block.touching).enumerate().rev() {
-        let close = *within > 0.0;
+    for (k, close) in close.iter().enumerate().rev() {
         near[count] = k as u32;
-        count += usize::from(close);
-        ended |= *touching && !close;
-    }
-    if ph.purpose == Purpose::Step && ended {
-        for (k, within) in bench.within[..n].iter().enumerate() {
-            if block.touching[k] && *within <= 0.0 {
-                // The next contact of this pair is born without memory.
-                block.touching[k] = false;
-                for quad in &mut block.history[k * ph.quads..(k + 1) * ph.quads] {
-                    *quad = [0.0; 4];
-                }
-            }
-        }
+        count += usize::from(*close);
     }
     count
 }
@@ -189,32 +188,43 @@ fn deal<const ORTHOGONAL: bool>(
     bench: &mut Workbench,
     group: &[u32],
 ) {
-    let (velocity, spin) = (&ph.p.velocity[..], &ph.p.spin[..]);
-    let (own_velocity, own_spin) = (&velocity[block.first..], &spin[block.first..]);
     let used = group.len().min(LANES);
-    let mut apart = [[0_u32; 4]; LANES];
-    for (l, &k) in group.iter().enumerate().take(LANES) {
-        let k = k as usize;
-        let (i, j) = (block.candidates[k].owner as usize, block.candidates[k].partner as usize);
-        bench.velocity[0][l] = own_velocity[i];
+    let group = &group[..used];
+    // Columns of one length are checked once for an index.
+    let candidates = &block.candidates[..];
+    let (between, radius) = (&bench.apart[..candidates.len()], &bench.radius[..candidates.len()]);
+    let velocity = &ph.p.velocity[..];
+    let spin = &ph.p.spin[..velocity.len()];
+    let (history, quads) = (&block.history[..], ph.quads);
+    for l in 0..used {
+        let k = group[l] as usize;
+        let (i, j) = (block.first + candidates[k].owner as usize, candidates[k].partner as usize);
+        bench.velocity[0][l] = velocity[i];
+        bench.spin[0][l] = spin[i];
         bench.velocity[1][l] = velocity[j];
-        bench.spin[0][l] = own_spin[i];
         bench.spin[1][l] = spin[j];
-        apart[l] = bench.apart[k];
-        lanes.radius[0][l] = bench.radius[k];
-    }
-    for q in 0..ph.quads.min(QUADS) {
-        for (l, &k) in group.iter().enumerate().take(LANES) {
-            bench.history[q][l] = block.history[k as usize * ph.quads + q];
+        bench.dealt[l] = between[k];
+        lanes.radius[0][l] = radius[k];
+        // Most laws remember no more than one quad, and some nothing.
+        if let Some(quad) = history.get(k * quads) {
+            bench.history[0][l] = *quad;
         }
-        for l in 0..LANES {
+    }
+    let full = whole(used);
+    for q in 1..quads.min(QUADS) {
+        for l in 0..used {
+            bench.history[q][l] = history[group[l] as usize * quads + q];
+        }
+    }
+    for q in 0..quads.min(QUADS) {
+        for l in 0..full {
             for x in 0..4 {
                 lanes.history[4 * q + x][l] = bench.history[q][l][x];
             }
         }
     }
     for s in 0..2 {
-        for l in 0..LANES {
+        for l in 0..full {
             let (v, w) = (&bench.velocity[s][l], &bench.spin[s][l]);
             for x in 0..3 {
                 lanes.v[s][x][l] = v.v[x];
@@ -223,8 +233,8 @@ fn deal<const ORTHOGONAL: bool>(
             lanes.inv_mass[s][l] = v.inv_mass;
         }
     }
-    let unit = &ph.space.lattice.unit;
-    for l in 0..LANES {
+    let (unit, apart) = (&ph.space.lattice.unit, &bench.dealt);
+    for l in 0..full {
         lanes.radius[1][l] = f32::from_bits(apart[l][3]);
     }
     lanes.between_spheres(used, |l| metres::<ORTHOGONAL>(unit, apart[l]));
@@ -251,6 +261,7 @@ fn collect<const ORTHOGONAL: bool>(
     group: &[u32],
 ) {
     let used = group.len().min(LANES);
+    let group = &group[..used];
     found.contacts[0] += used as u64;
     if let Some(l) = lanes.worse_overlap(used, found.worst.0) {
         let q = block.candidates[group[l] as usize];
@@ -288,17 +299,14 @@ fn collect<const ORTHOGONAL: bool>(
     if ph.purpose != Purpose::Step {
         return;
     }
-    for &k in group {
-        block.touching[k as usize] = true;
-    }
     for q in 0..ph.quads.min(QUADS) {
-        for l in 0..LANES {
+        for l in 0..whole(used) {
             for x in 0..4 {
                 bench.history[q][l][x] = lanes.history[4 * q + x][l];
             }
         }
-        for (l, &k) in group.iter().enumerate().take(LANES) {
-            block.history[k as usize * ph.quads + q] = bench.history[q][l];
+        for l in 0..used {
+            block.history[group[l] as usize * ph.quads + q] = bench.history[q][l];
         }
     }
 }
@@ -313,14 +321,14 @@ fn add(
     force: &Lane3,
     torque: &[Lane3; 2],
 ) {
-    for l in 0..LANES {
+    for l in 0..whole(group.len()) {
         bench.force[l] = [force[0][l], force[1][l], force[2][l], 0.0];
         for s in 0..2 {
             bench.torque[s][l] = [torque[s][0][l], torque[s][1][l], torque[s][2][l], 0.0];
         }
     }
-    for (l, &k) in group.iter().enumerate().take(LANES) {
-        let q = block.candidates[k as usize];
+    for l in 0..group.len().min(LANES) {
+        let q = block.candidates[group[l] as usize];
         let f = bench.force[l];
         let own = &mut sums[q.owner as usize];
         for x in 0..4 {

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use cubecl::prelude::*;
+use glebe_physics::kernel::bond::{BondLaw, Held, Hold, Parting, chosen_hold};
 use glebe_physics::kernel::cohesion::{Attraction, CohesionLaw, chosen_attraction};
 use glebe_physics::kernel::contact::{Coefficients, Memory, Touch};
 use glebe_physics::kernel::normal::{NormalForce, NormalLaw, chosen_force};
@@ -26,6 +27,8 @@ pub struct Choices {
     pub rolling: Either<RollingLaw>,
     /// Cohesion.
     pub cohesion: Either<CohesionLaw>,
+    /// Bonds.
+    pub bond: Either<BondLaw>,
     /// Where floats of contacts stand.
     pub layout: Layout,
 }
@@ -57,6 +60,7 @@ impl Choices {
             tangential: ends(Slot::Tangential).map(|n| TangentialLaw::ALL[n]),
             rolling: ends(Slot::Rolling).map(|n| RollingLaw::ALL[n]),
             cohesion: ends(Slot::Cohesion).map(|n| CohesionLaw::ALL[n]),
+            bond: ends(Slot::Bond).map(|n| BondLaw::ALL[n]),
             layout: c.layout,
         }
     }
@@ -68,14 +72,17 @@ impl Choices {
             laws.tangential != self.tangential[0],
             laws.rolling != self.rolling[0],
             laws.cohesion != self.cohesion[0],
+            laws.bond != self.bond[0],
         ];
         (0..).zip(second).map(|(bit, second)| u32::from(second) << bit).sum()
     }
 
     /// Why a device cannot run a world's laws.
     pub fn refusal(c: &Constants) -> Option<String> {
-        if c.bonds() {
-            return Some("bonds between particles (`contact.bond`) are computed by the CPU alone".to_owned());
+        if c.wears() {
+            let what = "wear of surfaces (`wear` of a material) is computed by the CPU alone: the sums of a facet would depend \
+                        on the order in which a device adds them";
+            return Some(what.to_owned());
         }
         Slot::ALL.into_iter().find_map(|slot| {
             let all = numbers(c, slot);
@@ -168,5 +175,24 @@ pub fn attraction(
         chosen_attraction(comptime!(laws[1]), k, c, m)
     } else {
         chosen_attraction(comptime!(laws[0]), k, c, m)
+    }
+}
+
+/// What a bond does.
+#[cube]
+pub fn hold(
+    k: &Coefficients,
+    strength: Coefficients,
+    p: Parting,
+    h: Held,
+    which: u32,
+    #[comptime] laws: Either<BondLaw>,
+) -> Hold {
+    if comptime!(laws[0] == laws[1]) {
+        chosen_hold(comptime!(laws[0]), k, strength, p, h)
+    } else if second(which, 4u32) {
+        chosen_hold(comptime!(laws[1]), k, strength, p, h)
+    } else {
+        chosen_hold(comptime!(laws[0]), k, strength, p, h)
     }
 }

@@ -34,11 +34,18 @@ fn added(a: f32, b: f32) -> f32 {
     fma(a, f32::cast_from(CUBE_COUNT_Z), b)
 }
 
+/// `a b`, rounded. A compiler that takes it for exact and fuses it into a later sum (nvcc does) would have that sum lose
+/// what rounding took; a zero that is known at run time only keeps it from that.
+#[cube]
+fn multiplied(a: f32, b: f32) -> f32 {
+    fma(a, b, f32::cast_from(CUBE_COUNT_Z - 1))
+}
+
 /// `a + b`, exactly.
 #[cube]
 pub fn sum(a: f32, b: f32) -> Two {
     let h = added(a, b);
-    let t = added(h, 0.0f32 - a);
+    let t = added(h, -a);
     Two { h, l: (a - (h - t)) + (b - t) }
 }
 
@@ -51,11 +58,9 @@ fn leading(a: f32) -> f32 {
 /// `a b`, exactly.
 #[cube]
 pub fn product(a: f32, b: f32, #[comptime] fused: bool) -> Two {
-    // A compiler that takes the rounded product for an exact one and fuses it into a later sum (nvcc does) would have
-    // that sum lose `l`, or count it twice.
-    let h = added(a * b, 0.0f32);
+    let h = multiplied(a, b);
     let l = if comptime!(fused) {
-        fma(a, b, 0.0f32 - h)
+        fma(a, b, -h)
     } else {
         // Products of half-long factors are exact, so nothing changes if a compiler fuses them after all.
         let (ah, bh) = (leading(a), leading(b));
@@ -82,7 +87,7 @@ pub fn plus2(a: Two, b: Two) -> Two {
 /// `a - b`
 #[cube]
 pub fn minus2(a: Two, b: Two) -> Two {
-    let s = sum(a.h, 0.0f32 - b.h);
+    let s = sum(a.h, -b.h);
     tidy(s.h, s.l + (a.l - b.l))
 }
 
@@ -157,7 +162,7 @@ pub struct Gap {
 /// `a - b` for 0 ≤ b ≤ a, exactly.
 #[cube]
 fn less(a: f32, b: f32) -> Two {
-    let h = added(a, 0.0f32 - b);
+    let h = added(a, -b);
     Two { h, l: (a - h) - b }
 }
 

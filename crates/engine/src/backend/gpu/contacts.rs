@@ -6,10 +6,13 @@
 //! under way, and sums do not depend on who computed what.
 
 use cubecl::prelude::*;
+use glebe_physics::Slot;
 use glebe_physics::kernel::vector::{V3, cross, dot, plus, scaled};
 
 use super::compensated::{Two3, gap, sum, whole};
-use super::layout::{F4, NONE, PARTNER, SECOND, SLICE, Signature, TOUCHING, U4, float_at, status, world};
+use super::layout::{
+    F4, NONE, PARTNER, SECOND, SLICE, Signature, TOUCHING, U4, flag, float_at, status, world,
+};
 use super::pair::{Meeting, interact, inverse_inertia};
 use super::recall::{Floats, packed, recalled};
 use super::step::{Purpose, Sums, apart2, bits3, first3, pick, see_contact, shared_push, turned, zero};
@@ -529,6 +532,8 @@ pub fn contacts_of(
                     table + spin_a[3] * materials + spin_b[3],
                     dt,
                     comptime!(s.laws),
+                    comptime!(s.integrator.lags()),
+                    true,
                 );
                 let sign = select(second, 0.0f32 - 1.0f32, 1.0f32);
                 let on = scaled(e.force, sign);
@@ -587,6 +592,12 @@ pub fn contacts_of(
                     if comptime!(s.quads() > 2) {
                         hist[plane(list_room, at, 2u32) as usize] =
                             packed(e.memory, comptime!(s.laws.layout), 2usize);
+                    }
+                    if comptime!(!s.laws.layout.place(Slot::Bond).is_empty()) {
+                        // Both sides see it break; one counts.
+                        if e.broke > 0.0f32 && !second {
+                            flags[(w * flag::WORDS + flag::BROKEN) as usize].fetch_add(1u32);
+                        }
                     }
                     if !touched {
                         nbr[at as usize] = entry | TOUCHING;

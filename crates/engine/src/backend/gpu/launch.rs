@@ -1,8 +1,10 @@
-//! Launches of kernels that are told how many of their blocks should run side by side.
+//! Launches of kernels whose source in CUDA says what CubeCL 0.10 has no word for. It is rewritten here, before it is
+//! compiled; sources in other languages stay as they are.
 //!
-//! A processor's registers are shared by all blocks on it. CUDA's compiler takes as many as it likes for one unit, unless the
-//! source says how many blocks are wanted at a time, for which CubeCL 0.10 has no word. So the source that CubeCL writes is
-//! given that number here, before it is compiled; sources in other languages have no such place and stay as they are.
+//! - A processor's registers are shared by all blocks on it. CUDA's compiler takes as many as it likes for one unit, unless
+//!   the source says how many blocks are wanted at a time.
+//! - Reciprocals and their roots are one instruction each, with three or four around it for arguments below 10⁻³⁸, of which a
+//!   contact has none: it takes them as they are.
 
 use cubecl::prelude::*;
 use cubecl::server::{Binding, KernelArguments};
@@ -93,18 +95,46 @@ impl<C: Compiler, T: CubeTask<C>> CubeTask<C> for Crowded<T> {
         addresses: StorageType,
     ) -> Result<CompiledKernel<C>, CompilationError> {
         let mut kernel = self.task.compile(compiler, options, mode, addresses)?;
-        if self.beside > 0 {
-            kernel.source = crowded(&kernel.source, self.units, self.beside);
+        if kernel.source.contains(CUDA) {
+            kernel.source = short(&crowded(&kernel.source, self.units, self.beside));
         }
         Ok(kernel)
     }
 }
 
-/// A source in CUDA that says how many blocks should run side by side; any other as it is.
+/// What a kernel in CUDA begins with.
+const CUDA: &str = "extern \"C\" __global__";
+
+/// A source that says how many blocks should run side by side.
 fn crowded(source: &str, units: u32, beside: u32) -> String {
+    if beside == 0 {
+        return source.to_owned();
+    }
     source.replacen(
         &format!("__launch_bounds__({units})"),
         &format!("__launch_bounds__({units}, {beside})"),
+        1,
+    )
+}
+
+/// Quotients and inverse roots of arguments from 10⁻³⁸ on.
+const SHORT: &str = r#"__device__ __forceinline__ float inverse_root_of(float x) {
+    float y;
+    asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x));
+    return y;
+}
+__device__ __forceinline__ float quotient_of(float a, float b) {
+    float y;
+    asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(b));
+    return a * y;
+}
+"#;
+
+/// A source whose quick quotients and inverse roots are those of [`SHORT`].
+fn short(source: &str) -> String {
+    source.replace(" rsqrt(", " inverse_root_of(").replace(" __fdividef(", " quotient_of(").replacen(
+        CUDA,
+        &format!("{SHORT}{CUDA}"),
         1,
     )
 }
@@ -118,7 +148,17 @@ mod tests {
         let source = "extern \"C\" __global__ void __launch_bounds__(32)step (";
         assert_eq!(crowded(source, 32, 24), "extern \"C\" __global__ void __launch_bounds__(32, 24)step (");
         assert_eq!(crowded(source, 64, 24), source);
-        let other = "@compute @workgroup_size(32, 1, 1) fn step() {}";
-        assert_eq!(crowded(other, 32, 24), other);
+        assert_eq!(crowded(source, 32, 0), source);
+    }
+
+    #[test]
+    fn quick_quotients_and_roots_are_short() {
+        let source = "#include <a>\nextern \"C\" __global__ void step (const float a = rsqrt(b); c = __fdividef(a, b);";
+        let found = short(source);
+        assert!(
+            found.ends_with("void step (const float a = inverse_root_of(b); c = quotient_of(a, b);"),
+            "{found}"
+        );
+        assert!(found.starts_with("#include <a>\n__device__"), "{found}");
     }
 }

@@ -137,8 +137,8 @@ impl Shape {
     }
 }
 
-/// F4 of a pair of materials: normal, tangential, rolling, cohesion, friction, clip.
-pub const PAIR_QUADS: u32 = 6;
+/// F4 of a pair of materials: normal, tangential, rolling, cohesion, friction, clip, bond, its strength.
+pub const PAIR_QUADS: u32 = 8;
 
 /// Words of the table of worlds; floats as bits.
 pub mod world {
@@ -269,7 +269,7 @@ pub mod status {
 /// Words of a world's state that many units write.
 pub mod flag {
     /// Words per world.
-    pub const WORDS: u32 = 8;
+    pub const WORDS: u32 = 9;
     /// Launch of the group in which lists became outdated.
     pub const STALE: u32 = 0;
     /// Why the world stopped, see [`super::halt`].
@@ -282,6 +282,8 @@ pub mod flag {
     pub const NEED: u32 = 4;
     /// Steps that ran: must be those that were counted, or a kernel was silently not run.
     pub const BEATS: u32 = 7;
+    /// Bonds that broke.
+    pub const BROKEN: u32 = 8;
 }
 
 /// Why a world stopped.

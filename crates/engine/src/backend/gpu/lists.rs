@@ -51,7 +51,9 @@ pub fn begin(
             states[(s + status::PRIMED) as usize] = 1u32;
         }
         let early = stale != NONE && since < PERIOD;
-        let rebuilds = (early || since >= PERIOD || asked > 0u32) && !stopped;
+        // The tables of a world that has no steps to do are not those of its lists.
+        let ended = (early || since >= PERIOD) && left > 0u32;
+        let rebuilds = (ended || asked > 0u32) && !stopped;
         states[(s + status::REBUILDING) as usize] = select(rebuilds, 1u32, 0u32);
         if rebuilds {
             let mean = float_at(worlds, c + world::RADIUS_MEAN);

@@ -2,9 +2,10 @@
 
 use cubecl::prelude::*;
 use glebe_physics::Slot;
+use glebe_physics::kernel::bond::{Held, Hold, Parting};
 use glebe_physics::kernel::cohesion::within;
 use glebe_physics::kernel::contact::{
-    Coefficients, Memory, Touch, pressed, relative_velocity, tangential_part,
+    Coefficients, Memory, Touch, lagging_spin, pressed, relative_velocity, tangential_part,
 };
 use glebe_physics::kernel::normal::ended;
 use glebe_physics::kernel::rolling::Roll;
@@ -14,6 +15,7 @@ use glebe_physics::kernel::vector::{V3, cross, dot, minus, plus, scaled};
 use super::choices::{self, Choices, second};
 use super::layout::{F4, PAIR_QUADS};
 use super::recall::Recall;
+use super::step::zero;
 
 /// Two bodies that touch. Body b may be a surface: radius and inverse mass 0.
 #[derive(CubeType, Clone, Copy)]
@@ -85,6 +87,49 @@ pub struct Effect {
     pub dash_power: f32,
     /// Power of rolling resistance, slipping springs included \[W\].
     pub roll_power: f32,
+    /// 1 if their bond broke in this step.
+    pub broke: f32,
+}
+
+/// The bond of two spheres, where there are bonds.
+#[cube]
+fn bond(
+    m: Meeting,
+    vt: V3,
+    pairs: &Array<F4>,
+    base: u32,
+    which: u32,
+    dt: f32,
+    #[comptime] laws: Choices,
+    #[comptime] bonds: bool,
+) -> Hold {
+    if comptime!(bonds) {
+        let held = Held {
+            rest: m.memory.shear.a,
+            shear: V3 { x: m.memory.shear.b, y: m.memory.shear.c, z: m.memory.shear.d },
+            bend: V3 { x: m.memory.bend.a, y: m.memory.bend.b, z: m.memory.bend.c },
+            twist: m.memory.bend.d,
+        };
+        let parting =
+            Parting { n: m.n, delta: m.delta, r_i: m.r_a, r_j: m.r_b, vt, wi: m.w_a, wj: m.w_b, dt };
+        choices::hold(
+            &coefficients(pairs, base + 6u32),
+            coefficients(pairs, base + 7u32),
+            parting,
+            held,
+            which,
+            comptime!(laws.bond),
+        )
+    } else {
+        Hold {
+            force: zero(),
+            moment: zero(),
+            energy: 0.0f32,
+            lost: 0.0f32,
+            broke: 0.0f32,
+            held: Held { rest: 0.0f32, shear: zero(), bend: zero(), twist: 0.0f32 },
+        }
+    }
 }
 
 #[cube]
@@ -120,9 +165,18 @@ fn grips(law: TangentialLaw) -> f32 {
     if law.history().is_empty() { 0.0 } else { 1.0 }
 }
 
-/// Applies the laws with the coefficients at `pair`.
+/// Applies the laws with the coefficients at `pair`. Only spheres may be bonded, and between them velocities may lag half a
+/// step behind places.
 #[cube]
-pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] laws: Choices) -> Effect {
+pub fn interact(
+    m: Meeting,
+    pairs: &Array<F4>,
+    pair: u32,
+    dt: f32,
+    #[comptime] laws: Choices,
+    #[comptime] lags: bool,
+    #[comptime] spheres: bool,
+) -> Effect {
     let base = pair * PAIR_QUADS;
     let friction4 = pairs[(base + 4u32) as usize];
     let rest = pairs[(base + 5u32) as usize];
@@ -130,7 +184,13 @@ pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] l
     let which = u32::cast_from(rest[2]);
     let u = relative_velocity(m.v_a, m.v_b, m.w_a, m.w_b, m.n, m.arm_a, m.arm_b);
     let vn = dot(u, m.n);
-    let vt = tangential_part(u, m.n);
+    let vt = if comptime!(lags) {
+        let lag = 0.5f32 * dt / (m.arm_a + m.arm_b);
+        let late = lagging_spin(m.v_a, m.v_b, m.w_a, m.w_b, m.arm_a, m.arm_b, lag);
+        tangential_part(plus(u, late), m.n)
+    } else {
+        tangential_part(u, m.n)
+    };
     let touch =
         Touch { delta: m.delta, vn, r_eff: m.r_eff, m_eff: 1.0f32 / (m.im_a + m.im_b), diameter: m.diameter };
     let attraction = within(
@@ -209,14 +269,25 @@ pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] l
     );
     let springs = comptime!(!laws.layout.place(Slot::Rolling).is_empty());
     let yields = comptime!(adhesive || !laws.layout.place(Slot::Cohesion).is_empty());
+    let bonds = comptime!(spheres && !laws.layout.place(Slot::Bond).is_empty());
+    let held = bond(m, vt, pairs, base, which, dt, laws, bonds);
     let slipped =
         if comptime!(springs) { select(dt > 0.0f32, r.lost / f32::max(dt, 1.0e-30f32), 0.0f32) } else { dt };
-    let yielded =
-        if comptime!(yields) { attraction.lost + select(m.delta < 0.0f32, 0.0f32, normal.lost) } else { dt };
+    let yielded = if comptime!(yields) {
+        attraction.lost + select(m.delta < 0.0f32, 0.0f32, normal.lost)
+    } else {
+        0.0f32.runtime()
+    };
+    let lost = if comptime!(bonds) { yielded + held.lost } else { yielded };
+    let energy = normal.energy + attraction.energy;
+    let force = plus(along, force_t);
+    let across = if comptime!(bonds) { plus(couple, cross(m.n, held.force)) } else { couple };
+    let torque_a = plus(scaled(across, m.arm_a), r.on_i);
+    let torque_b = plus(scaled(across, m.arm_b), r.on_j);
     Effect {
-        force: plus(along, force_t),
-        torque_a: plus(scaled(couple, m.arm_a), r.on_i),
-        torque_b: plus(scaled(couple, m.arm_b), r.on_j),
+        force: if comptime!(bonds) { plus(force, held.force) } else { force },
+        torque_a: if comptime!(bonds) { plus(torque_a, held.moment) } else { torque_a },
+        torque_b: if comptime!(bonds) { minus(torque_b, held.moment) } else { torque_b },
         dash: plus(damped, dash_t),
         roll_a: r.brake_i,
         roll_b: r.brake_j,
@@ -226,21 +297,38 @@ pub fn interact(m: Meeting, pairs: &Array<F4>, pair: u32, dt: f32, #[comptime] l
             rolling: touching(r.memory, m.delta, springs),
             normal: touching(normal.memory, m.delta, adhesive),
             cohesion: attraction.memory,
+            shear: Memory {
+                a: held.held.rest,
+                b: held.held.shear.x,
+                c: held.held.shear.y,
+                d: held.held.shear.z,
+            },
+            bend: Memory {
+                a: held.held.bend.x,
+                b: held.held.bend.y,
+                c: held.held.bend.z,
+                d: held.held.twist,
+            },
         },
         stiffness: normal.stiffness,
-        energy_normal: normal.energy + attraction.energy,
+        energy_normal: if comptime!(bonds) { energy + held.energy } else { energy },
         energy_tangential: if comptime!(springs) { t.energy * on + r.energy } else { t.energy * on },
         energy_before: if comptime!(springs) {
             t.energy_before * on + r.energy_before
         } else {
             t.energy_before * on
         },
-        friction_loss: if comptime!(yields) { t.friction_loss * on + yielded } else { t.friction_loss * on },
+        friction_loss: if comptime!(yields || bonds) {
+            t.friction_loss * on + lost
+        } else {
+            t.friction_loss * on
+        },
         dash_power: dot(dash_t, vt) - normal.viscous * vn,
         roll_power: if comptime!(springs) {
             dot(r.brake_i, m.w_a) + dot(r.brake_j, m.w_b) - slipped
         } else {
             dot(r.brake_i, m.w_a) + dot(r.brake_j, m.w_b)
         },
+        broke: held.broke,
     }
 }

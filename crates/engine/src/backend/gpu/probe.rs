@@ -377,6 +377,12 @@ mod tests {
     }
 
     #[test]
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    fn libraries_are_looked_for() {
+        assert!(loads("libc.so.6") && !loads("libglebe-has-none.so.1"));
+    }
+
+    #[test]
     fn cuda_needs_a_compiler_and_headers() {
         let toolkit = std::env::temp_dir().join(format!("glebe-toolkit-{}", std::process::id()));
         let include = toolkit.join("include");

@@ -1,4 +1,4 @@
-//! What contacts remember: floats of the four slots, one after the other, in as many F4 as they need. A kernel is made
+//! What contacts remember: floats of the slots, one after the other, in as many F4 as they need. A kernel is made
 //! for their number; most worlds remember a tangential spring, which is one F4.
 
 use cubecl::prelude::*;
@@ -22,17 +22,29 @@ pub struct Recall {
     pub normal: Memory,
     /// Of the law of cohesion.
     pub cohesion: Memory,
+    /// Of a bond: rest length and shear.
+    pub shear: Memory,
+    /// Of a bond: bending and twist.
+    pub bend: Memory,
 }
 
-/// The slots in the order of [`Recall`].
-const SLOTS: [Slot; 4] = [Slot::Tangential, Slot::Rolling, Slot::Normal, Slot::Cohesion];
-/// Floats of a slot, at most.
+/// The slots in the order of [`Recall`], and which of their floats come first there.
+const SLOTS: [(Slot, usize); 6] = [
+    (Slot::Tangential, 0),
+    (Slot::Rolling, 0),
+    (Slot::Normal, 0),
+    (Slot::Cohesion, 0),
+    (Slot::Bond, 0),
+    (Slot::Bond, FLOATS),
+];
+/// Floats of each, at most.
 const FLOATS: usize = 4;
 
 /// Where float `k` of a slot stands; beyond all where the law has none such.
 fn place(layout: Layout, slot: usize, k: usize) -> usize {
-    let place = layout.place(SLOTS[slot]);
-    if k < place.len() { place.start + k } else { usize::MAX }
+    let (slot, first) = SLOTS[slot];
+    let place = layout.place(slot);
+    if first + k < place.len() { place.start + first + k } else { usize::MAX }
 }
 
 /// Which float of [`Recall`] stands at `at`, counted by [`FLOATS`]; beyond all if none does.
@@ -95,7 +107,7 @@ fn float(f: Floats, #[comptime] at: usize) -> f32 {
 
 #[cube]
 fn memory(f: Floats, #[comptime] layout: Layout, #[comptime] slot: usize) -> Memory {
-    if comptime!(layout.place(SLOTS[slot]).is_empty()) {
+    if comptime!(layout.place(SLOTS[slot].0).is_empty()) {
         Memory { a: 0.0f32, b: 0.0f32, c: 0.0f32, d: 0.0f32 }
     } else {
         Memory {
@@ -121,6 +133,8 @@ pub fn recalled(f: Floats, #[comptime] layout: Layout) -> Recall {
         rolling: memory(f, layout, 1usize),
         normal: memory(f, layout, 2usize),
         cohesion: memory(f, layout, 3usize),
+        shear: memory(f, layout, 4usize),
+        bend: memory(f, layout, 5usize),
     }
 }
 
@@ -144,6 +158,10 @@ pub fn remembered(m: Recall, #[comptime] layout: Layout, #[comptime] at: usize) 
         part(m.normal, comptime!(holder - 8))
     } else if comptime!(holder < 16) {
         part(m.cohesion, comptime!(holder - 12))
+    } else if comptime!(holder < 20) {
+        part(m.shear, comptime!(holder - 16))
+    } else if comptime!(holder < 24) {
+        part(m.bend, comptime!(holder - 20))
     } else {
         0.0f32.runtime()
     }

@@ -806,6 +806,8 @@ pub fn surfaces_of(
                         table + turn[3] * materials + partner,
                         dt,
                         comptime!(s.laws),
+                        false,
+                        false,
                     );
                     fx += f.force.x;
                     fy += f.force.y;

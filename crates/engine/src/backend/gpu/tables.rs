@@ -151,6 +151,8 @@ pub fn pair_quads(c: &Constants) -> Vec<[f32; 4]> {
                 four(p.cohesion),
                 four([p.friction[0], p.friction[1], p.remember, p.truncate]),
                 four([p.clip, p.range, f64::from(choices.bits(p.laws)), 0.0]),
+                four(p.bond),
+                four(p.strength),
             ]
         })
         .collect()

@@ -3,7 +3,7 @@
 use glebe_physics::kernel64::bond::{self, Bond, BondLaw, Held, Hold, Parting};
 use glebe_physics::kernel64::cohesion::{self, Attraction, Cohesion, CohesionLaw, within};
 use glebe_physics::kernel64::contact::{
-    Coefficients, Memory, Touch, nothing, pressed, relative_velocity, tangential_part,
+    Coefficients, Memory, Touch, lagging_spin, nothing, pressed, relative_velocity, tangential_part,
 };
 use glebe_physics::kernel64::normal::{self, Normal, NormalForce, NormalLaw, ended};
 use glebe_physics::kernel64::rolling::{self, Roll, Rolling, RollingLaw, Torques};
@@ -35,6 +35,8 @@ pub struct Meeting {
     pub r_eff: f64,
     /// 4R* between spheres, 2R on a surface \[m\].
     pub diameter: f64,
+    /// By how much velocities are behind the places, over the distance of the centres \[s/m\]; 0 on a surface.
+    pub lag: f64,
 }
 
 /// What the laws find for a contact.
@@ -72,7 +74,7 @@ impl Meeting {
         let (m, laws) = (self, pair.laws);
         let ([vi, vj], [wi, wj]) = (m.v, m.w);
         let u = relative_velocity(vi, vj, wi, wj, m.n, m.arm[0], m.arm[1]);
-        let vt = tangential_part(u, m.n);
+        let vt = tangential_part(plus(u, lagging_spin(vi, vj, wi, wj, m.arm[0], m.arm[1], m.lag)), m.n);
         let touch = Touch {
             delta: m.delta,
             vn: dot(u, m.n),

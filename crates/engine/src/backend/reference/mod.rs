@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glebe_physics::IntegratorKind;
-use glebe_physics::kernel64::contact::relative_velocity;
+use glebe_physics::kernel64::contact::{relative_velocity, tangential_part};
 use glebe_physics::kernel64::integrate;
 use glebe_physics::kernel64::vector::{V3, cross, dot, minus, plus, scaled};
 
@@ -31,6 +31,7 @@ use crate::setup::{BoundaryShape, Constants};
 use crate::spec::Vec3;
 use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
 use crate::surface::{Span, SurfacePoint, physical_contacts};
+use crate::wear::Rub;
 
 /// A particle.
 #[derive(Clone, Debug)]
@@ -388,6 +389,7 @@ impl ReferenceWorld {
                     w: [a.w, b.w],
                     r_eff,
                     diameter: 4.0 * r_eff,
+                    lag: if self.c.spec.time.integrator.lags() { 0.5 * dt / distance } else { 0.0 },
                 };
                 let id = [a.id, b.id];
                 let mut history =
@@ -490,6 +492,7 @@ impl ReferenceWorld {
             w: [b.w, spin],
             r_eff: b.radius,
             diameter: 2.0 * b.radius,
+            lag: 0.0,
         };
         (meeting, arm)
     }
@@ -567,8 +570,22 @@ impl ReferenceWorld {
                 ledger.rolling += pull.roll_lost - c.dt * (dot(pull.brake[0], wi) + dot(pull.brake[1], wj));
             }
         }
+        let rubs: Vec<Rub> = contacts.iter().filter_map(|contact| self.rub(contact)).collect();
+        g.rub(rubs.iter());
         g.bonds.broken += contacts.iter().filter(|contact| contact.pull.broke).count() as u64;
         g.account(c, &forces);
+    }
+
+    /// What a contact rubs off a surface that wears.
+    fn rub(&self, contact: &Contact) -> Option<Rub> {
+        let Partner::Surface { boundary, triangle } = contact.with else { return None };
+        let (shape, standing) = (&self.c.boundaries[boundary], &self.standing[boundary]);
+        let surface = shape.surface.filter(|s| self.c.wear_of(*s).is_some())?;
+        let facet = shown(shape, standing, array(contact.arm), triangle as u32);
+        let m = &contact.meeting;
+        let u = relative_velocity(m.v[0], m.v[1], m.w[0], m.w[1], m.n, m.arm[0], m.arm[1]);
+        let sliding = array(tangential_part(u, m.n));
+        Some(Rub::new(surface, facet, array(contact.pull.force), array(m.n), sliding, self.c.dt))
     }
 
     /// Stops the world when particles overlap too much.

@@ -33,6 +33,12 @@ pub(super) static CALIBRATION: TableSpec = TableSpec {
         Field::new("follow", Kind::Named(Names::New, &FOLLOW), "Values that follow a free one, by name.").or("{}"),
         Field::new("target", Kind::Named(Names::New, &TARGET), "What is to be met, by name."),
         Field::new("method", Kind::Table(&METHOD), "How it is searched.").or("{}"),
+        Field::new(
+            "surrogate",
+            Kind::Table(&SURROGATE),
+            "A Gaussian process through what was simulated that stands for simulations where it is sure enough.",
+        )
+        .optional("everything is simulated"),
         Field::new("stop", Kind::Table(&STOP), "When the search ends: as soon as one of these holds.").or("{}"),
         Field::new(
             "good",
@@ -212,6 +218,26 @@ static FILTER: TableSpec = TableSpec {
     rules: &[],
 };
 
+static SURROGATE: TableSpec = TableSpec {
+    doc: "A Gaussian process that stands for simulations. What could be the best, and one in ten that it is sure of, are simulated \
+          all the same.",
+    fields: &[
+        Field::new("after", Kind::Integer, "So many evaluations are simulated before it is asked.")
+            .optional("ten for each free parameter")
+            .at_least(2.0)
+            .at_most(MOST),
+        Field::new(
+            "spread",
+            NUMBER,
+            "A set of parameters is simulated if the standard deviation of its cost is predicted to be more than this share of \
+             the cost, or more than this number of scatters where that is less than one; noise of targets not counted.",
+        )
+        .or("0.1")
+        .above(0.0),
+    ],
+    rules: &[],
+};
+
 static STOP: TableSpec = TableSpec {
     doc: "When a search ends.",
     fields: &[
@@ -222,7 +248,7 @@ static STOP: TableSpec = TableSpec {
         Field::new(
             "evaluations",
             Kind::Integer,
-            "The most evaluations; the first round is run whatever it takes.",
+            "The most evaluations that are simulated; the first round is run whatever it takes.",
         )
         .optional("as many as the rounds take")
         .at_least(1.0),

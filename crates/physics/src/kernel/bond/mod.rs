@@ -40,7 +40,7 @@ pub struct Parting {
 }
 
 /// What a bond remembers.
-#[cfg_attr(feature = "gpu", derive(CubeType))]
+#[cfg_attr(feature = "gpu", derive(CubeType, CubeTypeMut))]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Held {
     /// Distance of the centres at which it was made \[m\]; 0 where there is none.
@@ -54,7 +54,7 @@ pub struct Held {
 }
 
 /// What a bond does.
-#[cfg_attr(feature = "gpu", derive(CubeType))]
+#[cfg_attr(feature = "gpu", derive(CubeType, CubeTypeMut))]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Hold {
     /// Force on body i, in the middle between the surfaces \[N\].

@@ -86,7 +86,7 @@ pub fn carried(stretch: V3, n: V3, twist: f32) -> V3 {
     let new = dot(turned, turned);
     // √(old/new) as 1 + x/(1 + √(1 + x)): devices whose roots and quotients are rounded carelessly would make the
     // spring grow or shrink turn after turn.
-    let x = (old - new) / new;
+    let x = (old - new) / f32::max(new, 1.0e-37f32);
     scaled(turned, select(new > 0.0f32, 1.0f32 + x / (1.0f32 + root(1.0f32 + x)), 0.0f32))
 }
 

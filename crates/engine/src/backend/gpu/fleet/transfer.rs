@@ -1,0 +1,302 @@
+//! States to the device and back.
+
+use cubecl::prelude::*;
+
+use super::super::device::Device;
+use super::super::layout::{BLOCK, NONE, PARTNER, REFER, RELIST, SECOND, SLICE, SLOTS, TOUCHING, status};
+use super::super::tables::status_row;
+use super::Group;
+use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
+
+/// Where particles stand in the order of storage.
+struct Places(Vec<(u32, u32)>);
+
+impl Places {
+    fn of(ids: &[u32]) -> Self {
+        let mut places: Vec<(u32, u32)> = ids.iter().zip(0..).map(|(id, i)| (*id, i)).collect();
+        places.sort_unstable();
+        Self(places)
+    }
+
+    fn get(&self, id: u32) -> Option<usize> {
+        // Numbers have few gaps: most particles stand where theirs says.
+        let guess = (id as usize).min(self.0.len().saturating_sub(1));
+        let at = if self.0.get(guess)?.0 == id {
+            guess
+        } else {
+            self.0.binary_search_by_key(&id, |(id, _)| *id).ok()?
+        };
+        Some(self.0[at].1 as usize)
+    }
+}
+
+impl Group {
+    /// Copies a state into the first halves of the world's columns; its lists are still to be made.
+    pub(super) fn put<R: Runtime>(&mut self, device: &Device<R>, w: usize, state: &State) {
+        let region = self.regions[w];
+        let p = &state.particles;
+        let n = p.len();
+        let first = region.first as usize;
+        self.counts[w] = n;
+        let row = status_row(&state.progress, n);
+        let at = w * status::WORDS as usize;
+        self.states[at..at + row.len()].copy_from_slice(&row);
+        self.set_state(w, status::ASKED, if state.progress.stale { REFER } else { RELIST });
+
+        let bits = |x: [f32; 3]| x.map(f32::to_bits);
+        let place: Vec<[u32; 4]> =
+            p.place.iter().map(|x| [x.lo[0], x.lo[1], x.lo[2], x.radius.to_bits()]).collect();
+        let vel: Vec<[f32; 4]> = p.velocity.iter().map(|x| [x.v[0], x.v[1], x.v[2], x.inv_mass]).collect();
+        let spin: Vec<[u32; 4]> = p
+            .spin
+            .iter()
+            .map(|x| {
+                let [a, b, c] = bits(x.w);
+                [a, b, c, x.material]
+            })
+            .collect();
+        device.write(&self.b.place, first, &place);
+        device.write(&self.b.vel, first, &vel);
+        device.write(&self.b.spin, first, &spin);
+        let own: Vec<[u32; 4]> = (0..n)
+            .flat_map(|i| {
+                let (h, r) = (p.hi[i].map(|x| x as u32), bits(p.rest[i]));
+                [[h[0], h[1], h[2], p.id[i]], [r[0], r[1], r[2], 0]]
+            })
+            .collect();
+        device.write(&self.b.own, 2 * first, &own);
+        let refs: Vec<[u32; 4]> = (0..n)
+            .flat_map(|i| {
+                let (l, h) = (p.lo_ref[i], p.hi_ref[i].map(|x| x as u32));
+                [[l[0], l[1], l[2], p.place[i].radius.to_bits()], [h[0], h[1], h[2], p.id[i]]]
+            })
+            .collect();
+        device.write(&self.b.refs, 2 * first, &refs);
+        let slow: Vec<[f32; 4]> = (0..n)
+            .flat_map(|i| [p.acceleration[i], p.angular[i], p.force[i]].map(|x| [x[0], x[1], x[2], 0.0]))
+            .collect();
+        device.write(&self.b.slow, 3 * first, &slow);
+        let places = Places::of(&p.id);
+        self.put_contacts(device, w, state, &places);
+        self.put_surface_contacts(device, w, state, &places);
+    }
+
+    /// What pairs remember, as lists of touching neighbours that the first rebuild takes over.
+    fn put_contacts<R: Runtime>(&self, device: &Device<R>, w: usize, state: &State, places: &Places) {
+        let region = &self.regions[w];
+        let n = state.particles.len();
+        let pairs: Vec<[usize; 2]> =
+            state.contacts.iter().map(|m| m.id.map(|id| places.get(id).unwrap_or(usize::MAX))).collect();
+        let known = || pairs.iter().zip(&state.contacts).filter(|(pair, _)| !pair.contains(&usize::MAX));
+        let mut counts = vec![0_u32; n];
+        for (pair, _) in known() {
+            for &i in pair {
+                counts[i] += 1;
+            }
+        }
+        let slices = (region.blocks * BLOCK / SLICE) as usize;
+        let mut offsets = vec![region.begins[0]; slices];
+        let mut used = 0;
+        for (offset, members) in offsets.iter_mut().zip(counts.chunks(SLICE as usize)) {
+            *offset += used;
+            used += members.iter().max().unwrap_or(&0) * SLICE;
+        }
+        offsets[n.div_ceil(SLICE as usize)..].fill(region.begins[0] + used);
+        let mut entries = vec![0_u32; used as usize];
+        let mut history = vec![vec![[0.0_f32; 4]; used as usize]; self.signature.quads() as usize];
+        let mut filled = vec![0_u32; n];
+        for (&[a, b], m) in known() {
+            for (i, entry) in [(a, region.first + b as u32), (b, SECOND | (region.first + a as u32))] {
+                let from = offsets[i / SLICE as usize] - region.begins[0] + i as u32 % SLICE;
+                let to = (from + filled[i] * SLICE) as usize;
+                entries[to] = TOUCHING | entry;
+                for (q, plane) in history.iter_mut().enumerate() {
+                    plane[to] = quad_of(&m.history, q);
+                }
+                filled[i] += 1;
+            }
+        }
+        entries.truncate(region.rooms.lists as usize);
+        device.write(&self.b.lists, region.first as usize, &counts);
+        device.write(&self.b.lists, 2 * self.padded as usize + (region.first / SLICE) as usize, &offsets);
+        device.write(&self.b.nbr, region.begins[0] as usize, &entries);
+        for (q, mut plane) in history.into_iter().enumerate() {
+            plane.truncate(region.rooms.lists as usize);
+            device.write(&self.b.hist, self.plane(q) + region.begins[0] as usize, &plane);
+        }
+    }
+
+    fn put_surface_contacts<R: Runtime>(&self, device: &Device<R>, w: usize, state: &State, places: &Places) {
+        let region = &self.regions[w];
+        let n = state.particles.len();
+        let mut row_of = vec![NONE; n];
+        let (mut counts, mut memory) = (Vec::new(), Vec::<[f32; 4]>::new());
+        // What does not fit goes with an attempt that fails: the lists to be made have no less in them.
+        for same in state.surface_contacts.chunk_by(|a, b| a.id == b.id) {
+            let Some(i) = places.get(same[0].id) else { continue };
+            if counts.len() as u32 == region.rooms.rows {
+                break;
+            }
+            row_of[i] = region.begins[1] + counts.len() as u32;
+            counts.push(same.len().min(SLOTS as usize) as u32);
+            let wide = self.signature.row_quads() as usize;
+            let mut slots = vec![[0.0_f32; 4]; wide * SLOTS as usize];
+            for (k, m) in same.iter().take(SLOTS as usize).enumerate() {
+                slots[wide * k] = [m.n[0], m.n[1], m.n[2], m.surface as f32];
+                (1..wide).for_each(|q| slots[wide * k + q] = quad_of(&m.history, q - 1));
+            }
+            memory.extend(slots);
+        }
+        device.write(&self.b.rows, region.first as usize, &row_of);
+        device.write(&self.b.row_count, region.begins[1] as usize, &counts);
+        device.write(
+            &self.b.row_mem,
+            (region.begins[1] * SLOTS * self.signature.row_quads()) as usize,
+            &memory,
+        );
+    }
+
+    /// The complete state of a world.
+    pub(super) fn state<R: Runtime>(&self, device: &Device<R>, w: usize, g: &Progress) -> State {
+        let region = &self.regions[w];
+        let n = self.counts[w];
+        let first = region.first as usize;
+        let padded = self.padded as usize;
+        let parity = self.state_word(w, status::PARITY) as usize;
+        let listed = self.state_word(w, status::LISTED) as usize;
+        let b = &self.b;
+        let float = |q: u32| f32::from_bits(q);
+        let place: Vec<[u32; 4]> = device.read(&b.place, parity * padded + first, n);
+        let vel: Vec<[f32; 4]> = device.read(&b.vel, parity * padded + first, n);
+        let spin: Vec<[u32; 4]> = device.read(&b.spin, parity * padded + first, n);
+        let own: Vec<[u32; 4]> = device.read(&b.own, 2 * (listed * padded + first), 2 * n);
+        let refs: Vec<[u32; 4]> = device.read(&b.refs, 2 * (listed * padded + first), 2 * n);
+        let slow: Vec<[f32; 4]> = device.read(&b.slow, 3 * (listed * padded + first), 3 * n);
+        if device.broken().is_some() {
+            return State { progress: g.clone(), ..State::default() };
+        }
+        let three = |q: &[f32; 4]| [q[0], q[1], q[2]];
+        let mut p = Particles::default();
+        for i in 0..n {
+            let (x, v, s, h, r) = (place[i], vel[i], spin[i], own[2 * i], own[2 * i + 1]);
+            let (lo, hi) = (refs[2 * i], refs[2 * i + 1]);
+            p.id.push(h[3]);
+            p.place.push(Place { lo: [x[0], x[1], x[2]], radius: float(x[3]) });
+            p.velocity.push(Velocity { v: three(&v), inv_mass: v[3] });
+            p.spin.push(Spin { w: [float(s[0]), float(s[1]), float(s[2])], material: s[3] });
+            p.hi.push([h[0] as i32, h[1] as i32, h[2] as i32]);
+            p.rest.push([float(r[0]), float(r[1]), float(r[2])]);
+            p.acceleration.push(three(&slow[3 * i]));
+            p.angular.push(three(&slow[3 * i + 1]));
+            p.force.push(three(&slow[3 * i + 2]));
+            p.lo_ref.push([lo[0], lo[1], lo[2]]);
+            p.hi_ref.push([hi[0] as i32, hi[1] as i32, hi[2] as i32]);
+        }
+        let contacts = self.contacts(device, w, &p, listed);
+        let surface_contacts = self.surface_contacts(device, w, &p, parity, listed);
+        State { particles: p, contacts, surface_contacts, progress: g.clone() }
+    }
+
+    fn contacts<R: Runtime>(
+        &self,
+        device: &Device<R>,
+        w: usize,
+        p: &Particles,
+        listed: usize,
+    ) -> Vec<ContactMemory> {
+        let (c, region) = (&self.worlds[w], &self.regions[w]);
+        let (n, first) = (p.len(), region.first as usize);
+        let padded = self.padded as usize;
+        let b = &self.b;
+        let slices = (region.blocks * BLOCK / SLICE) as usize;
+        let counts: Vec<u32> = device.read(&b.lists, listed * padded + first, n);
+        let offsets: Vec<u32> = device.read(
+            &b.lists,
+            2 * padded + listed * padded / SLICE as usize + first / SLICE as usize,
+            slices,
+        );
+        if device.broken().is_some() {
+            return Vec::new();
+        }
+        let used = (0..n)
+            .map(|i| offsets[i / SLICE as usize] - region.begins[0] + counts[i] * SLICE)
+            .max()
+            .unwrap_or(0)
+            .next_multiple_of(SLICE)
+            .min(region.rooms.lists) as usize;
+        let from = listed * self.rooms[0] as usize + region.begins[0] as usize;
+        let nbr: Vec<u32> = device.read(&b.nbr, from, used);
+        let quads = self.signature.quads() as usize;
+        let hist: Vec<Vec<[f32; 4]>> =
+            (0..quads).map(|q| device.read(&b.hist, self.plane(q) + from, used)).collect();
+        if device.broken().is_some() {
+            return Vec::new();
+        }
+        let h = c.history.len();
+        let mut contacts = Vec::new();
+        for i in 0..n {
+            let begin = (offsets[i / SLICE as usize] - region.begins[0]) as usize + i % SLICE as usize;
+            for k in 0..counts[i] as usize {
+                let at = begin + k * SLICE as usize;
+                let entry = nbr[at];
+                // Each pair is told by the particle of the lower number.
+                if entry & TOUCHING == 0 || entry & SECOND != 0 {
+                    continue;
+                }
+                let j = (entry & PARTNER) as usize - first;
+                let floats = hist.iter().flat_map(|plane| plane[at]).take(h);
+                contacts.push(ContactMemory { id: [p.id[i], p.id[j]], history: floats.collect() });
+            }
+        }
+        contacts.sort_unstable_by_key(|m| m.id);
+        contacts
+    }
+
+    fn surface_contacts<R: Runtime>(
+        &self,
+        device: &Device<R>,
+        w: usize,
+        p: &Particles,
+        parity: usize,
+        listed: usize,
+    ) -> Vec<SurfaceMemory> {
+        if !self.signature.surfaces {
+            return Vec::new();
+        }
+        let (c, region) = (&self.worlds[w], &self.regions[w]);
+        let b = &self.b;
+        let (n, begin) = (p.len(), region.begins[1] as usize);
+        let row_of: Vec<u32> = device.read(&b.rows, listed * self.padded as usize + region.first as usize, n);
+        if device.broken().is_some() {
+            return Vec::new();
+        }
+        let used = row_of.iter().filter(|r| **r != NONE).map(|r| *r as usize + 1 - begin).max().unwrap_or(0);
+        let half = parity * self.rooms[1] as usize;
+        let counts: Vec<u32> = device.read(&b.row_count, half + begin, used);
+        let wide = self.signature.row_quads() as usize;
+        let row_quads = wide * SLOTS as usize;
+        let memory: Vec<[f32; 4]> = device.read(&b.row_mem, (half + begin) * row_quads, used * row_quads);
+        let h = c.history.len();
+        let mut found = Vec::new();
+        for (i, row) in row_of.iter().enumerate().filter(|(_, r)| **r != NONE) {
+            let row = *row as usize - begin;
+            for k in 0..counts[row] as usize {
+                let at = wide * (row * SLOTS as usize + k);
+                let m = memory[at];
+                found.push(SurfaceMemory {
+                    id: p.id[i],
+                    surface: m[3] as u32,
+                    n: [m[0], m[1], m[2]],
+                    history: memory[at + 1..at + wide].iter().flatten().take(h).copied().collect(),
+                });
+            }
+        }
+        found.sort_by_key(|m| (m.id, m.surface));
+        found
+    }
+}
+
+/// Quad `q` of what a contact remembers.
+fn quad_of(history: &[f32], q: usize) -> [f32; 4] {
+    std::array::from_fn(|k| history.get(4 * q + k).copied().unwrap_or_default())
+}
