@@ -127,13 +127,14 @@ fn furrows(folder: &Folder, summary: &Summary, trial: Trial<'_>) -> Result<Vec<P
     Ok((0..batch.len()).map(profile).collect())
 }
 
-/// How far the middle of a furrow lies below its banks \[m\]: mean height of the middle fifth against that of the outer fifths.
+/// How far the middle of a furrow lies below its banks \[m\]: mean height of the middle fifth against that of the fifths beside it,
+/// into which the sweep, half as wide as the bed, throws up what it moves.
 fn depth(profile: &Profile) -> f64 {
     let n = profile.height.len();
     let mean_of = |from: usize, to: usize| {
         mean(profile.height[from * n / 5..to * n / 5].iter().copied().filter(|h| h.is_finite()))
     };
-    0.5 * (mean_of(0, 1) + mean_of(4, 5)) - mean_of(2, 3)
+    0.5 * (mean_of(1, 2) + mean_of(3, 4)) - mean_of(2, 3)
 }
 
 fn furrow_figure(profiles: &[Profile]) -> String {

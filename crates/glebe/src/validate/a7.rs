@@ -4,7 +4,7 @@
 //! numbers. The paper counts operations on its card, two thirds of which search contacts, since its cells are filled
 //! anew in each step; lists that last for many steps leave less to search, which is no mistake, so shares are reported.
 //! What is asked is that the phases account for the time that passed. A device takes its steps without the host and
-//! tells one phase.
+//! tells two phases, steps and looks at energies, each with the compilation of its kernels.
 
 use std::time::Instant;
 
@@ -60,7 +60,7 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
                 None => curves.push((name, vec![share])),
             }
         }
-        // The rest is sampling, every hundredth step, and what is between the phases.
+        // The rest is sampling, every hundredth step, of the CPU, and what is between the phases.
         found.between(format!("phases_of_{count}"), sum, 0.7, 1.001);
     }
     let n = powers.map(|power| f64::from(1_u32 << power));

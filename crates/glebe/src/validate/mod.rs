@@ -17,6 +17,12 @@ mod a7;
 mod b1;
 mod b10;
 mod b11;
+mod b2;
+mod b3;
+mod b4;
+mod b5;
+mod b7;
+mod b8;
 mod c1;
 mod c2;
 mod c3;
@@ -26,6 +32,7 @@ mod c6;
 mod case;
 mod output;
 mod p1;
+mod projectile;
 mod samples;
 mod trial;
 
@@ -52,6 +59,12 @@ const CASES: &[Case] = &[
     a6::CASE,
     a7::CASE,
     b1::CASE,
+    b2::CASE,
+    b3::CASE,
+    b4::CASE,
+    b5::CASE,
+    b7::CASE,
+    b8::CASE,
     b10::CASE,
     b11::CASE,
     c1::CASE,
@@ -82,7 +95,7 @@ pub struct ValidateArgs {
     /// Cases by id or name; all if none is named
     #[arg(value_name = "NAME", value_parser = names(), ignore_case = true, hide_possible_values = true)]
     pub names: Vec<String>,
-    /// Smaller sizes: all cases together take about ten minutes on two cores
+    /// Smaller sizes: all cases together take about a quarter of an hour on two cores
     #[arg(long)]
     pub quick: bool,
     /// Folder for figures, results.json and studies; those of an earlier validation in it are replaced

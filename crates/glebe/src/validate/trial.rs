@@ -8,8 +8,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use glebe_engine::backend::Backend;
-use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status};
-use glebe_engine::spec::WorldSpec;
+use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status, positions};
+use glebe_engine::spec::{ParticleSet, Vec3, WorldSpec};
 use glebe_engine::state::{StageResult, State};
 use glebe_engine::{Constants, prepare};
 use glebe_io::output::Existing;
@@ -124,13 +124,38 @@ pub fn run_states_to_end(
     backend: Backend,
 ) -> Result<Finished, CaseError> {
     let mut record = Record { series: vec![Vec::new(); worlds.len()] };
+    let batch = run_with(worlds, backend, &mut record)?;
+    Ok(Finished { batch, series: record.series })
+}
+
+/// The same, with an observer of its own.
+pub fn run_with<O: Observer<Error = Infallible>>(
+    worlds: Vec<(Arc<Constants>, State)>,
+    backend: Backend,
+    observer: &mut O,
+) -> Result<Batch, CaseError> {
     let constants: Vec<_> = worlds.iter().map(|(constants, _)| constants.clone()).collect();
     admit(backend, &constants)?;
     let mut batch = Batch::from_states(worlds, backend);
     while batch.running() {
-        let Ok(()) = batch.advance(&mut record);
+        let Ok(()) = batch.advance(observer);
     }
-    Ok(Finished { batch, series: record.series })
+    Ok(batch)
+}
+
+/// A world when its first stage has ended.
+pub fn settled(world: WorldSpec, backend: Backend) -> Result<(Arc<Constants>, State), CaseError> {
+    let (constants, state) = prepare(world)?;
+    admit(backend, std::slice::from_ref(&constants))?;
+    let mut batch = Batch::from_states(vec![(constants.clone(), state)], backend);
+    while batch.running() && batch.progress(0).stage == 0 {
+        let Ok(()) = batch.advance(&mut Record::default());
+    }
+    match (batch.sound_state(0), batch.status(0)) {
+        (Ok(state), Status::Running | Status::Done) => Ok((constants, state)),
+        (Ok(_), status) => Err(CaseError::stopped(&constants.spec.title, status)),
+        (Err(failure), _) => Err(CaseError::stopped(&constants.spec.title, &Status::Failed(failure))),
+    }
 }
 
 impl Finished {
@@ -162,6 +187,48 @@ impl Observer for Record {
         Ok(())
     }
     fn stage_ended(&mut self, _: usize, _: usize, _: &StageResult) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+/// A world that goes on from where the particles of another have come to, at rest and in contacts that begin anew,
+/// without its first stage: particles can be added to it.
+pub fn at_rest(constants: &Constants, state: &State) -> WorldSpec {
+    let mut spec = constants.spec.clone();
+    spec.stages.remove(0);
+    spec.particles = ParticleSet::default();
+    let particles = &state.particles;
+    for (k, x) in positions(constants, state).into_iter().enumerate() {
+        let radius = f64::from(particles.place[k].radius);
+        spec.particles.push(x, radius, particles.spin[k].material as usize);
+    }
+    spec
+}
+
+/// A world with those of its particles, by centre and radius \[m\], that are to be kept.
+pub fn keep(mut spec: WorldSpec, kept: impl Fn(Vec3, f64) -> bool) -> WorldSpec {
+    let all = std::mem::take(&mut spec.particles);
+    for (k, x) in all.position.iter().enumerate() {
+        if kept(*x, all.radius[k]) {
+            spec.particles.push(*x, all.radius[k], all.material[k]);
+        }
+    }
+    spec
+}
+
+/// Shows worlds with each row of their series.
+pub struct Look<F>(pub F);
+
+impl<F: FnMut(usize, &Frame<'_>)> Observer for Look<F> {
+    type Error = Infallible;
+    fn wants_frames(&self) -> bool {
+        false
+    }
+    fn wants_look(&self, _: usize, _: &Sample) -> bool {
+        true
+    }
+    fn look(&mut self, world: usize, frame: &Frame<'_>) -> Result<(), Infallible> {
+        (self.0)(world, frame);
         Ok(())
     }
 }

@@ -1,0 +1,139 @@
+//! A ball that falls on a bed.
+//!
+//! The engine's scenes have no ball that waits until a bed has settled, so the bed is made by a world of its own and
+//! the ball is put over it in another, which begins with the settled particles at rest. It is let go a little above
+//! the surface with the speed of its fall so far, and contacts of the bed have found their forces again before it
+//! arrives.
+
+use std::f64::consts::PI;
+
+use glebe_engine::batch::{Frame, Status};
+use glebe_engine::prepare;
+use glebe_engine::spec::{Vec3, WorldSpec};
+
+use super::case::CaseError;
+use super::trial::{Look, Trial, at_rest, mean, run_with, settled};
+
+/// Height above the surface from which a ball is computed \[m\].
+const ABOVE: f64 = 0.01;
+
+/// A bed at rest.
+pub struct Bed {
+    /// Its world, with the settled particles and the stages that are left.
+    spec: WorldSpec,
+    /// Height of its surface \[m\]: that of an even bed of the same mass.
+    pub surface: f64,
+    /// Density of the bulk \[kg/m³\].
+    pub density: f64,
+}
+
+/// A ball about to arrive.
+#[derive(Clone, Copy, Debug)]
+pub struct Ball {
+    /// \[m\]
+    pub radius: f64,
+    /// Its density \[kg/m³\], which its material gets.
+    pub density: f64,
+    /// How fast it is when it meets the surface \[m/s\].
+    pub speed: f64,
+}
+
+/// How a ball moves: a row for each sample.
+#[derive(Clone, Debug, Default)]
+pub struct Path {
+    /// Time since it meets the surface \[s\].
+    pub time: Vec<f64>,
+    /// Depth of its lowest point under the surface \[m\].
+    pub depth: Vec<f64>,
+    /// Velocity upwards \[m/s\].
+    pub velocity: Vec<f64>,
+}
+
+impl Bed {
+    /// Lets the particles of a world settle in its first stage. Density and surface are those of the middle, as wide as
+    /// `width` along x and y: walls and floors order spheres, so these stay out of it.
+    pub fn settle(spec: WorldSpec, width: f64, trial: Trial<'_>) -> Result<Self, CaseError> {
+        let (constants, state) = settled(spec, trial.backend)?;
+        let spec = at_rest(&constants, &state);
+        let at = &spec.particles.position;
+        let floor = spec.domain.origin[2];
+        let in_middle = |x: Vec3| x[0].abs().max(x[1].abs()) < 0.5 * width;
+        let middle: Vec<usize> = (0..at.len()).filter(|k| in_middle(at[*k])).collect();
+        let top = middle.iter().map(|k| at[*k][2] - floor).fold(0.0, f64::max);
+        let mass = |from: f64, to: f64| {
+            let inside = middle.iter().filter(|k| (from..to).contains(&(at[**k][2] - floor)));
+            inside.map(|k| mass_of(&spec, *k)).sum::<f64>()
+        };
+        // The middle half of the height is the bulk; what is above its middle has the bulk's density up to the surface.
+        let [low, high] = [0.25 * top, 0.75 * top];
+        let density = mass(low, high) / (width * width * (high - low));
+        let surface = floor + high + mass(high, f64::INFINITY) / (width * width * density);
+        Ok(Self { spec, surface, density })
+    }
+
+    /// The paths of balls of a material, each in a world of its own.
+    pub fn hit(&self, balls: &[Ball], material: &str, trial: Trial<'_>) -> Result<Vec<Path>, CaseError> {
+        let g = self.spec.gravity[2].abs();
+        let worlds = balls.iter().map(|ball| self.with(ball, material, g)).collect::<Result<Vec<_>, _>>()?;
+        let worlds = worlds.into_iter().map(prepare).collect::<Result<Vec<_>, _>>()?;
+        let number = self.spec.particles.len() as u32;
+        let mut paths = vec![Path::default(); balls.len()];
+        let mut look = Look(|world: usize, frame: &Frame<'_>| {
+            let particles = &frame.state.particles;
+            // A ball that has left the box leaves its path shorter.
+            let Some(k) = particles.id.iter().position(|id| *id == number) else { return };
+            let (ball, path) = (&balls[world], &mut paths[world]);
+            path.time.push(frame.time - approach(ball, g));
+            path.depth.push(self.surface - (frame.positions[k][2] - ball.radius));
+            path.velocity.push(f64::from(particles.velocity[k].v[2]));
+        });
+        let batch = run_with(worlds, trial.backend, &mut look)?;
+        for w in 0..batch.len() {
+            if *batch.status(w) != Status::Done {
+                return Err(CaseError::stopped(&batch.constants(w).spec.title, batch.status(w)));
+            }
+        }
+        Ok(paths)
+    }
+
+    fn with(&self, ball: &Ball, material: &str, g: f64) -> Result<WorldSpec, CaseError> {
+        let mut spec = self.spec.clone();
+        let named = spec.materials.iter().position(|m| m.name == material);
+        let id = named.ok_or_else(|| CaseError::Scene(format!("no material `{material}`")))?;
+        spec.materials[id].density = ball.density;
+        let speed = (ball.speed * ball.speed - 2.0 * g * above(ball, g)).max(0.0).sqrt();
+        let centre = [0.0, 0.0, self.surface + above(ball, g) + ball.radius];
+        spec.particles.push_moving(centre, ball.radius, id, [0.0, 0.0, -speed], [0.0; 3]);
+        Ok(spec)
+    }
+}
+
+/// Height that a ball starts at: not more than it falls in all.
+fn above(ball: &Ball, g: f64) -> f64 {
+    ABOVE.min(ball.speed * ball.speed / (2.0 * g))
+}
+
+/// Time from its start to the surface \[s\].
+fn approach(ball: &Ball, g: f64) -> f64 {
+    let start = (ball.speed * ball.speed - 2.0 * g * above(ball, g)).max(0.0).sqrt();
+    (ball.speed - start) / g
+}
+
+/// \[kg\]
+fn mass_of(spec: &WorldSpec, k: usize) -> f64 {
+    let particles = &spec.particles;
+    4.0 / 3.0 * PI * particles.radius[k].powi(3) * spec.materials[particles.material[k]].density
+}
+
+impl Path {
+    /// Deepest place of its lowest point under the surface \[m\].
+    pub fn deepest(&self) -> f64 {
+        self.depth.iter().copied().fold(f64::NAN, f64::max)
+    }
+
+    /// Mean speed of the last tenth of the rows \[m/s\].
+    pub fn speed_left(&self) -> f64 {
+        let last = self.velocity.len() - self.velocity.len() / 10;
+        mean(self.velocity[last..].iter().map(|v| v.abs()))
+    }
+}
