@@ -170,8 +170,13 @@ impl Lattice {
             return d;
         }
         let span = i64::from(self.windows[axis]) << 32;
+        let half = span / 2;
+        // Most pairs are not across a seam, and a division takes longer than all else that is done to a pair.
+        if (-half..half).contains(&d) {
+            return d;
+        }
         let d = d.rem_euclid(span);
-        if d >= span / 2 { d - span } else { d }
+        if d >= half { d - span } else { d }
     }
 
     /// The windows of `now` in the image nearest to `from`; both are places in windows and fractions.

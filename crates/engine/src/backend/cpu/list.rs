@@ -293,9 +293,10 @@ impl Search<'_> {
         block.candidates.reserve_exact(partners.len());
         for local in 0..block.count() {
             for &partner in &partners[block.of(local)] {
-                let slot = match block.guests.binary_search(&partner) {
-                    Ok(guest) => count + guest as u32,
-                    Err(_) => partner - own.start,
+                let slot = if own.contains(&partner) {
+                    partner - own.start
+                } else {
+                    count + block.guests.partition_point(|&guest| guest < partner) as u32
                 };
                 block.candidates.push(Candidate { owner: local as u32, partner, slot });
             }
@@ -478,9 +479,13 @@ impl Memory<'_> {
                     let block = &blocks[a / BLOCK];
                     let own = block.of(a % BLOCK);
                     let k = own.start + block.candidates[own].iter().position(|q| q.partner as usize == b)?;
-                    block.touching[k].then(|| block.history[k * quads..(k + 1) * quads].as_flattened())
+                    Some((block, k))
                 };
-                find(oi, oj).map(|x| (x, false)).or_else(|| find(oj, oi).map(|x| (x, true)))
+                // A pair stands once: at one of the two.
+                let ((block, k), swapped) =
+                    find(oi, oj).map(|x| (x, false)).or_else(|| find(oj, oi).map(|x| (x, true)))?;
+                let history = || block.history[k * quads..(k + 1) * quads].as_flattened();
+                block.touching[k].then(|| (history(), swapped))
             }
             Self::Stored(contacts, _) => {
                 let (a, b) = (p.id[i], p.id[j]);
