@@ -230,7 +230,7 @@ pub fn series(out: &Path) -> glebe::io::output::series::Series {
 
 /// A number below `end` that is another in every run of the test.
 pub fn some_number(end: u32) -> u32 {
-    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().subsec_nanos() / 1000 % end
+    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().subsec_micros() % end
 }
 
 /// Sends a signal, such as `-INT`, to a program that runs.
