@@ -119,12 +119,14 @@ fn a_flowing_bed_stands_below_its_settled_one_and_rebuilds_its_lists() {
 #[test]
 fn beds_of_wide_gradings_tell_the_time_of_a_contact_beside_the_mono_beds() {
     let folder = TempDir::new().unwrap();
-    let args = ["--sizes", "300", "--beds", "1:10,mono,1:3", "--flowing", "none", "--steps", "50"];
+    let args = ["--sizes", "300", "--beds", "1:10,mono,1:3,1:20", "--flowing", "none", "--steps", "50"];
     let result = measured(folder.path(), &[&args[..], &["--repeat", "1"]].concat());
     let beds = result["beds"].as_array().unwrap();
     let time = |bed: &Value| number(&bed["ns_per_contact"]);
     let mono = &beds[1];
-    for (bed, name, ratio) in [(&beds[0], "1:10", 10.0), (mono, "mono", 1.0), (&beds[2], "1:3", 3.0)] {
+    let named = [("1:10", 10.0), ("mono", 1.0), ("1:3", 3.0), ("1:20", 20.0)];
+    assert_eq!(beds.len(), named.len());
+    for (bed, (name, ratio)) in beds.iter().zip(named) {
         assert_eq!(bed["bed"], name);
         let radii = &bed["radii_m"];
         assert!((number(&radii[1]) / number(&radii[0]) - ratio).abs() < 1e-12);

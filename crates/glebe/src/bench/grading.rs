@@ -16,6 +16,9 @@ pub enum BedKind {
     /// R = 1 to 10 mm, equal volumes in equal ratios of size, step 5e-6 s.
     #[value(name = "1:10")]
     OneToTen,
+    /// R = 1 to 20 mm, equal volumes in equal ratios of size, step 5e-6 s.
+    #[value(name = "1:20")]
+    OneToTwenty,
     /// Soft soil, R = 7 to 10 mm, evenly by number, step 1e-4 s.
     Soil,
     /// What other engines are compared on: R = 1.6 to 2.4 mm, soft, no rolling resistance, step 2e-5 s.
@@ -24,8 +27,15 @@ pub enum BedKind {
 
 impl BedKind {
     /// Every kind.
-    pub const ALL: [Self; 6] =
-        [Self::Mono, Self::Poly, Self::OneToThree, Self::OneToTen, Self::Soil, Self::Peers];
+    pub const ALL: [Self; 7] = [
+        Self::Mono,
+        Self::Poly,
+        Self::OneToThree,
+        Self::OneToTen,
+        Self::OneToTwenty,
+        Self::Soil,
+        Self::Peers,
+    ];
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
@@ -34,6 +44,7 @@ impl BedKind {
             Self::Poly => "poly",
             Self::OneToThree => "1:3",
             Self::OneToTen => "1:10",
+            Self::OneToTwenty => "1:20",
             Self::Soil => "soil",
             Self::Peers => "peers",
         }
@@ -46,6 +57,7 @@ impl BedKind {
             Self::Poly | Self::Peers => [1.6e-3, 2.4e-3],
             Self::OneToThree => [1e-3, 3e-3],
             Self::OneToTen => [1e-3, 1e-2],
+            Self::OneToTwenty => [1e-3, 2e-2],
             Self::Soil => [7e-3, 1e-2],
         }
     }
@@ -55,7 +67,7 @@ impl BedKind {
         match self {
             Self::Mono => "equal radii",
             Self::Poly | Self::Soil | Self::Peers => "even by number",
-            Self::OneToThree | Self::OneToTen => "equal volumes in equal ratios of size",
+            Self::OneToThree | Self::OneToTen | Self::OneToTwenty => "equal volumes in equal ratios of size",
         }
     }
 
@@ -65,7 +77,7 @@ impl BedKind {
         match self {
             Self::Mono => 1e-5,
             Self::Poly => 9e-6,
-            Self::OneToThree | Self::OneToTen => 5e-6,
+            Self::OneToThree | Self::OneToTen | Self::OneToTwenty => 5e-6,
             Self::Soil => 1e-4,
             Self::Peers => 2e-5,
         }
@@ -112,7 +124,7 @@ impl BedKind {
             Self::Poly | Self::Soil | Self::Peers => {
                 SizeDistribution::Uniform { min, max }.sample(count, seed)
             }
-            Self::OneToThree | Self::OneToTen => Ok(equal_volumes(min, max, count)),
+            Self::OneToThree | Self::OneToTen | Self::OneToTwenty => Ok(equal_volumes(min, max, count)),
         }
     }
 }
@@ -132,7 +144,7 @@ mod tests {
 
     #[test]
     fn wide_gradings_hold_equal_volumes_in_equal_ratios_of_size() {
-        for kind in [BedKind::OneToThree, BedKind::OneToTen] {
+        for kind in [BedKind::OneToThree, BedKind::OneToTen, BedKind::OneToTwenty] {
             let [min, max] = kind.radii();
             let radii = kind.spheres(100_000, 1).unwrap();
             assert!(radii.iter().all(|r| (min..=max).contains(r)));

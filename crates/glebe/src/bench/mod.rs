@@ -43,7 +43,7 @@ Examples:
   glebe bench
   glebe bench --threads 1 --beds mono
   glebe bench --device gpu --sizes 100k,1M --flowing none
-  glebe bench --sizes 50k --beds mono,1:3,1:10 --flowing none
+  glebe bench --sizes 50k --beds mono,1:3,1:20 --flowing none
   glebe bench --sizes none --tools sweep,fine-sweep,rotor
   glebe bench --sizes none --tools sweep --worlds 60
   glebe bench --sizes none --samples 2000 --worlds 400
@@ -79,7 +79,7 @@ pub struct BenchArgs {
     /// Numbers of particles, or none; k and M stand for thousands and millions
     #[arg(long, value_name = "N,…", value_delimiter = ',', default_value = "10k,50k", value_parser = size)]
     pub sizes: Vec<Size>,
-    /// Sizes of particles: all equal, or from 1 to 1.5, 3 or 10
+    /// Sizes of particles: all equal, or from 1 to 1.5, 3, 10 or 20
     #[arg(
         long,
         value_name = "BED,…",
