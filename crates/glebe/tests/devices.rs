@@ -111,6 +111,35 @@ fn check_tells_the_memory_that_a_device_needs() {
     assert!(text.expect(0).stdout.contains("memory     at least"), "{}", text.stdout);
 }
 
+#[test]
+fn settings_of_cubecl_beside_a_scene_change_nothing() {
+    let place = scene();
+    if !has_adapter(&place) {
+        return;
+    }
+    let run = |out: &str| {
+        let args = ["run", "scene.toml", "--no-cache", "--device", "gpu:0", "--out", out];
+        place.glebe(&[&args[..], &SHORT].concat()).expect(0);
+        place.summary(out)["state_hash"].clone()
+    };
+    let alone = run("alone");
+    // It would check bounds in kernels that are made without, and write their sources down.
+    let log = place.path("kernels.log");
+    let settings = format!(
+        "[compilation]\ncheck_mode = \"validate\"\n[compilation.logger]\nlevel = \"full\"\nfile = {:?}\n",
+        log.to_str().unwrap()
+    );
+    place.write("cubecl.toml", &settings);
+    assert_eq!(run("beside"), alone);
+    assert!(!log.exists(), "CubeCL took the settings");
+    // With one that it cannot read it would end the program.
+    place.write("cubecl.toml", "[compilation");
+    assert_eq!(run("broken"), alone);
+    fs::remove_file(place.path("cubecl.toml")).unwrap();
+    place.write("burn.toml", "cubecl = 3");
+    assert_eq!(run("burn"), alone);
+}
+
 /// Held by tests that lose the device: those of one process share it.
 static DEVICE: Mutex<()> = Mutex::new(());
 

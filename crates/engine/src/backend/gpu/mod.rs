@@ -12,6 +12,7 @@
 
 mod choices;
 mod compensated;
+mod configured;
 mod contacts;
 mod device;
 mod fault;
@@ -162,6 +163,7 @@ impl Accelerator {
     /// # Errors
     /// There is no such device, or it cannot run the kernels: why, and what to do.
     pub fn open(choice: Choice) -> Result<Self, Unavailable> {
+        configured::configure();
         if let Choice::Cuda(number) = choice {
             return open_cuda(number);
         }
