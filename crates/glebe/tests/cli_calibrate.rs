@@ -278,7 +278,7 @@ fn failures_cost_nothing_but_themselves_and_experiments_share_parameters() {
 fn check_schema_and_new_know_calibrations() {
     let (place, _) = place();
     let found = place.glebe(&["check", "study.toml", "--json"]).expect(0).json();
-    assert_eq!((&found["evaluations_of_a_round"], &found["most_evaluations"]), (&60.into(), &2704.into()));
+    assert_eq!((&found["evaluations_of_a_round"], &found["most_evaluations"]), (&60.into(), &2712.into()));
     assert_eq!(found["free"], serde_json::json!(["restitution", "stiffness"]));
     let wrong =
         place.glebe(&["calibrate", "study.toml", "--set", "free.stiffness.path=material.bal.density"]);

@@ -11,6 +11,7 @@ mod curves;
 mod found;
 mod identify;
 mod plan;
+mod probe;
 mod results;
 mod rounds;
 mod surrogate;
@@ -25,6 +26,7 @@ pub use self::answers::{Agent, Cluster, Interval};
 use self::found::{Given, shown};
 pub use self::identify::Known;
 pub use self::plan::Plan;
+use self::probe::Slopes;
 pub use self::results::{Counts, Parameter, Round, Summary, Wanted};
 use self::surrogate::{Candidate, Surrogate};
 pub use self::surrogate::{Missed, Report};
@@ -54,9 +56,6 @@ pub(crate) struct Evaluation {
     state_hashes: Vec<String>,
     doubts: Vec<String>,
 }
-
-/// How targets change with parameters \[scatters over the range\]: by target, value and parameter.
-type Slopes = Vec<Vec<Vec<f64>>>;
 
 /// Evaluations around the best are numbered from here, so that those of the search keep their numbers when it goes on.
 const PROBES: usize = 1 << 24;
@@ -270,22 +269,15 @@ impl Calibrator<'_> {
         done.min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
-    /// How the targets change with each parameter around the best evaluation \[scatters over the range\]: of each target a
-    /// row for each of its values. None if that was not asked for, there is none, the search tells it itself, or it was not finished.
+    /// How the targets change with each parameter around the best evaluation. None if that was not asked for, there is none, the
+    /// search tells it itself, or it was not finished.
     fn probe(&mut self, listener: &mut dyn Listener) -> Result<Option<Slopes>, StudyError> {
         let c = &self.plan.calibration;
-        let step = c.probe;
         if !self.plan.probes() {
             return Ok(None);
         }
-        let Some(best) = self.best().map(|e| e.point.clone()) else { return Ok(None) };
-        let moved = |k: usize, by: f64| {
-            let mut point = best.clone();
-            point[k] = (point[k] + by).clamp(0.0, 1.0);
-            point
-        };
-        let points = (0..best.len()).flat_map(|k| [moved(k, -step), moved(k, step)]);
-        let points: Vec<Candidate> = points.map(Candidate::simulated).collect();
+        let Some(points) = self.best().map(|e| probe::points(&e.point, c.probe)) else { return Ok(None) };
+        let points: Vec<Candidate> = points.into_iter().map(Candidate::simulated).collect();
         listener.note(&format!(
             "{} evaluations around the best tell how the targets depend on the parameters",
             points.len()
@@ -296,12 +288,9 @@ impl Calibrator<'_> {
         if self.evaluate(round, PROBES + first * count, &points, 0, listener)?.is_none() {
             return Ok(None);
         }
-        let slope = |t: usize, n: usize, k: usize| {
-            let [low, high] = [0, 1].map(|side| &self.evaluations[first + 2 * k + side]);
-            (high.found[t][n] - low.found[t][n]) / (high.point[k] - low.point[k]) / c.targets[t].scatters[n]
-        };
-        let row = |t: usize, n: usize| (0..best.len()).map(|k| slope(t, n, k)).collect();
-        let rows = |t: usize| (0..c.targets[t].values.len()).map(|n| row(t, n)).collect();
-        Ok(Some((0..c.targets.len()).map(rows).collect()))
+        let values: Vec<usize> = c.targets.iter().map(|t| t.values.len()).collect();
+        let value =
+            |t: usize, n: usize, i: usize| self.evaluations[first + i].found[t][n] / c.targets[t].scatters[n];
+        Ok(Some(Slopes::of(c.free.len(), c.probe, &values, value)))
     }
 }

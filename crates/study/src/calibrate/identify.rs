@@ -10,7 +10,7 @@ const LEAST: f64 = 0.5;
 /// Parameters whose errors correlate more are told of together.
 const TOGETHER: f64 = 0.5;
 /// Variance of a parameter of which nothing is known but its range, in squares of that.
-const EVEN: f64 = 1.0 / 12.0;
+pub(super) const EVEN: f64 = 1.0 / 12.0;
 
 /// What is known of a parameter.
 #[derive(Clone, Debug, Serialize)]
@@ -20,6 +20,9 @@ pub struct Known {
     pub uncertainty: f64,
     /// Whether the targets determine it.
     pub determined: bool,
+    /// Whether they would if the simulations had no noise: differences of these say that they do, but they are not sure.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub lost_in_noise: bool,
     /// Parameters with which it trades off, by name, and the correlation of their errors.
     pub trades_off_with: Vec<(String, f64)>,
 }
@@ -49,15 +52,17 @@ pub(super) fn uncertainty(covariance: &Matrix) -> f64 {
     libm::exp(logs.sum::<f64>() / covariance.len() as f64)
 }
 
-/// What is known of parameters with this covariance in the unit cube.
-pub(super) fn known(names: &[&str], covariance: &Matrix) -> Vec<Known> {
+/// What is known of parameters with this covariance in the unit cube, `plain` being that without a look at the noise.
+pub(super) fn known(names: &[&str], covariance: &Matrix, plain: Option<&Matrix>) -> Vec<Known> {
+    let uncertainty = |covariance: &Matrix, i: usize| (covariance[i][i] / EVEN).sqrt();
     let correlation = |i: usize, j: usize| covariance[i][j] / (covariance[i][i] * covariance[j][j]).sqrt();
     let one = |i: usize| {
-        let uncertainty = (covariance[i][i] / EVEN).sqrt();
+        let (own, plain) = (uncertainty(covariance, i), plain.map(|plain| uncertainty(plain, i)));
         let others = (0..names.len()).filter(|j| *j != i && correlation(i, *j).abs() > TOGETHER);
         Known {
-            uncertainty,
-            determined: uncertainty <= LEAST,
+            uncertainty: own,
+            determined: own <= LEAST,
+            lost_in_noise: own > LEAST && plain.is_some_and(|plain| plain <= LEAST),
             trades_off_with: others.map(|j| (names[j].to_owned(), correlation(i, j))).collect(),
         }
     };
@@ -71,7 +76,12 @@ pub(super) fn doubts(names: &[&str], known: &[Known]) -> Vec<String> {
         let others: Vec<String> =
             known.trades_off_with.iter().map(|(other, r)| format!("`{other}` ({r:+.2})")).collect();
         let left = short(100.0 * known.uncertainty);
-        if others.is_empty() {
+        if known.lost_in_noise {
+            format!(
+                "the targets do not determine `{name}` ({left} % of the uncertainty of its range is left): what they change \
+                 with it is within the noise of the simulations; take more grains, several seeds as experiments or a wider `probe`"
+            )
+        } else if others.is_empty() {
             format!(
                 "the targets do not determine `{name}`: its uncertainty is {left} % of that of its range; measure \
                  something that depends on it, or take it out"
@@ -95,7 +105,7 @@ mod tests {
     fn a_target_determines_what_it_depends_on_alone() {
         // The first parameter moves the target by 40 scatters over its range, the second by 0.2.
         let c = covariance(&[vec![40.0, 0.2]]);
-        let known = known(&["a", "b"], &c);
+        let known = known(&["a", "b"], &c, None);
         // The inverse of [[40² + 12, 8], [8, 0.2² + 12]], as a share of 1/12.
         let exact: f64 = 12.0 * 12.04 / (1612.0 * 12.04 - 64.0);
         assert!((known[0].uncertainty - exact.sqrt()).abs() < 1e-12, "{known:?}");
@@ -107,13 +117,13 @@ mod tests {
     #[test]
     fn what_only_acts_as_a_sum_is_told_of_together() {
         let names = ["a", "b", "c"];
-        let found = known(&names, &covariance(&[vec![30.0, 30.0, 0.0], vec![0.0, 0.0, 30.0]]));
+        let found = known(&names, &covariance(&[vec![30.0, 30.0, 0.0], vec![0.0, 0.0, 30.0]]), None);
         assert!(!found[0].determined && !found[1].determined && found[2].determined);
         assert_eq!(found[0].trades_off_with[0].0, "b");
         assert!(found[0].trades_off_with[0].1 < -0.95 && found[2].trades_off_with.is_empty());
         // One more target that they change differently mends it.
         let third = [vec![30.0, 30.0, 0.0], vec![0.0, 0.0, 30.0], vec![20.0, -20.0, 0.0]];
-        assert!(doubts(&names, &known(&names, &covariance(&third))).is_empty());
+        assert!(doubts(&names, &known(&names, &covariance(&third), None)).is_empty());
         assert_eq!(doubts(&names, &found).len(), 2);
     }
 }

@@ -9,6 +9,7 @@ use glebe_engine::state::Progress;
 use glebe_io::scene::SceneError;
 use glebe_io::study::{Calibration, Method, Quantity, Study, Target};
 
+use super::probe::POINTS;
 use super::searcher;
 use crate::beds::Bed;
 use crate::capture::Wanted;
@@ -161,7 +162,7 @@ impl Plan {
         let round = searcher(self).ask().len();
         let most =
             c.stop.evaluations.unwrap_or(usize::MAX).max(round).min(c.stop.rounds.saturating_mul(round));
-        (round, most + if self.probes() { 2 * c.free.len() } else { 0 })
+        (round, most + if self.probes() { POINTS * c.free.len() } else { 0 })
     }
 
     /// Whether evaluations around the best tell how the targets depend on the parameters: a filter tells it itself.

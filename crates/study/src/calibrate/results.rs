@@ -12,8 +12,9 @@ use serde::Serialize;
 
 use super::answers::{Agent, Cluster, Interval};
 use super::identify::{Known, covariance, doubts, known, uncertainty};
+use super::probe::Slopes;
 use super::surrogate::Report;
-use super::{Calibrator, End, Evaluation, Slopes};
+use super::{Calibrator, End, Evaluation};
 use crate::drive::Listener;
 use crate::ensemble::{StudyError, short, told_once};
 use crate::search::{Posterior, Search};
@@ -136,6 +137,9 @@ pub struct Wanted {
     pub weight: f64,
     /// What it came to in the best agent.
     pub best: f64,
+    /// How far it differs between simulations with next to the same parameters, as a standard deviation \[scatters\].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise: Option<f64>,
 }
 
 /// A round of a search.
@@ -235,7 +239,7 @@ impl Calibrator<'_> {
             },
             counts,
             parameters: self.parameters(best.first(), known.as_deref(), slopes, posterior.as_ref()),
-            targets: self.targets(best.first()),
+            targets: self.targets(best.first(), slopes),
             best_runs: self.runs(best.first(), &best_scenes),
             best,
             best_scenes,
@@ -310,19 +314,12 @@ impl Calibrator<'_> {
         listener: &mut dyn Listener,
     ) -> Option<Vec<Known>> {
         let c = &self.plan.calibration;
-        // The points of a curve share its weight.
-        let weighted = |slopes: &Slopes| {
-            let roots = c.targets.iter().map(|t| (t.weight / t.values.len() as f64).sqrt());
-            let rows = slopes
-                .iter()
-                .zip(roots)
-                .flat_map(|(rows, w)| rows.iter().map(move |row| row.iter().map(|g| w * g).collect()));
-            rows.collect::<Vec<Vec<f64>>>()
-        };
-        let finite = |slopes: &Slopes| slopes.iter().flatten().flatten().all(|g| g.is_finite());
-        let covariance = match (posterior, slopes) {
-            (Some(p), _) => p.covariance.clone(),
-            (None, Some(slopes)) if finite(slopes) => covariance(&weighted(slopes)),
+        let weights: Vec<f64> = c.targets.iter().map(|t| t.weight).collect();
+        let (covariance, plain) = match (posterior, slopes) {
+            (Some(p), _) => (p.covariance.clone(), None),
+            (None, Some(slopes)) if slopes.finite() => {
+                (covariance(&slopes.sure(&weights)), Some(covariance(&slopes.plain(&weights))))
+            }
             (None, Some(_)) => {
                 let line = "an evaluation near the best failed, so that it is not known how well the targets determine \
                             the parameters";
@@ -333,13 +330,23 @@ impl Calibrator<'_> {
             (None, None) => return None,
         };
         let names: Vec<&str> = c.free.iter().map(|f| f.name.as_str()).collect();
-        let known = known(&names, &covariance);
+        let known = known(&names, &covariance, plain.as_ref());
         let mut lines = doubts(&names, &known);
         if let Some(p) = posterior.filter(|p| p.scale > 1.0) {
             lines.push(format!(
                 "the posterior is that of scatters {} times as large as stated: more rounds or samples make it narrower",
                 short(p.scale)
             ));
+        }
+        for (t, noise) in c.targets.iter().zip(slopes.map_or(&[][..], |slopes| &slopes.noise)) {
+            if *noise > 1.0 {
+                lines.push(format!(
+                    "simulations with next to the same parameters differ in `{}` by {} of its scatters, and its scatter counts \
+                     as that: take more grains, or a scatter that has the noise in it",
+                    t.name,
+                    short(*noise)
+                ));
+            }
         }
         for line in &lines {
             listener.warn(line);
@@ -365,7 +372,11 @@ impl Calibrator<'_> {
             best: value(&f.name),
             known: known.and_then(|known| known.get(k)).cloned(),
             sensitivity: slopes.map_or_else(BTreeMap::new, |slopes| {
-                c.targets.iter().zip(slopes).map(|(t, rows)| (t.name.clone(), steepness(rows, k))).collect()
+                c.targets
+                    .iter()
+                    .zip(&slopes.found)
+                    .map(|(t, rows)| (t.name.clone(), steepness(rows, k)))
+                    .collect()
             }),
             posterior: posterior.map(|p| self.interval(p, k)),
         });
@@ -382,9 +393,9 @@ impl Calibrator<'_> {
         free.chain(following).collect()
     }
 
-    fn targets(&self, best: Option<&Agent>) -> Vec<Wanted> {
+    fn targets(&self, best: Option<&Agent>, slopes: Option<&Slopes>) -> Vec<Wanted> {
         let c = &self.plan.calibration;
-        let wanted = |t: &Target| {
+        let wanted = |(k, t): (usize, &Target)| {
             let measure = match &t.quantity {
                 Quantity::Measure { stage, measure, statistic: Statistic::Std } => {
                     format!("{stage}.{measure} std")
@@ -413,9 +424,10 @@ impl Calibrator<'_> {
                 scatter,
                 weight: t.weight,
                 best: best.and_then(|b| b.targets.get(&t.name)).copied().unwrap_or(f64::NAN),
+                noise: slopes.map(|slopes| slopes.noise[k]),
             }
         };
-        c.targets.iter().map(wanted).collect()
+        c.targets.iter().enumerate().map(wanted).collect()
     }
 
     fn table(&self, dir: &OutputDir) -> Result<(), StudyError> {
