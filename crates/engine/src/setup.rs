@@ -24,14 +24,8 @@ pub const SKIN_MAX: f64 = 1.0;
 pub const MEMORY: usize = 12;
 /// Smallest skin as a share of the mean radius: below it rebuilds cost more than candidates.
 pub const SKIN_MIN: f64 = 0.04;
-/// A rebuild fewer steps than this after the last one widens the skin by [`SKIN_WIDER`].
-pub const REBUILT_SOON: u64 = 12;
-/// A rebuild more steps than this after the last one narrows the skin by [`SKIN_NARROWER`].
-pub const REBUILT_LATE: u64 = 40;
-/// See [`REBUILT_SOON`].
+/// What a rebuild widens the skin by where the last one was soon before; each backend knows what is soon to it.
 pub const SKIN_WIDER: f64 = 1.25;
-/// See [`REBUILT_LATE`].
-pub const SKIN_NARROWER: f64 = 0.8;
 /// Skin that a world starts with, as a share of the mean radius.
 pub const SKIN_START: f64 = 0.3;
 /// Most particle sizes a list level spans: radii within a level differ at most by this factor.

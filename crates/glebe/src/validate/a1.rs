@@ -6,6 +6,13 @@
 //! "approaches zero", "converges to a constant value"), and the energy ledger, which is judged with
 //! `euler` at 50 steps per collision (2e-5 s, for a fall from 2.8 m) on the 509 spheres, in full size on
 //! the 8519 as well.
+//!
+//! The 509 spheres are four beds, which differ by their seed: late on, most of a bed's kinetic energy is that of a few
+//! spheres that still roll or drop, so that one bed's need not fall over half a second. Of twelve beds one did not
+//! from 1.0 to 1.5 s; all had less than 1e-3 of their peak left at 1.5 s. Every bed is held to the limits on what is
+//! left, and their mean must fall.
+
+use std::ops::Range;
 
 use glebe_engine::batch::Sample;
 use glebe_report::{Axis, Plot, Series, Style};
@@ -27,6 +34,8 @@ const SCENE: SceneFile = scene_file!("A1-deposition/scene.toml");
 const END: f64 = 0.1;
 /// Time before the end over which the kinetic energy must fall \[s\].
 const TREND: f64 = 0.5;
+/// Beds of 509 spheres.
+const BEDS: u64 = 4;
 
 struct Variant {
     name: &'static str,
@@ -64,10 +73,16 @@ const VARIANTS: [Variant; 6] = [
 ];
 
 impl Variant {
-    fn sets(&self) -> Vec<String> {
+    fn beds(&self) -> u64 {
+        if self.large { BEDS } else { 1 }
+    }
+
+    /// Changes of the scene for a bed, counted from 1.
+    fn sets(&self, bed: u64) -> Vec<String> {
         let mut sets =
             vec![format!("time.step={:?}", self.step), format!("time.integrator={}", self.integrator)];
         if self.large {
+            sets.push(format!("seed={bed}"));
             sets.push("particles.cloud.count=509".to_owned());
             sets.push("particles.cloud.radius={ uniform = [\"70 mm\", \"130 mm\"] }".to_owned());
         }
@@ -77,40 +92,68 @@ impl Variant {
 
 fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let variants: Vec<&Variant> = VARIANTS.iter().filter(|v| v.quick || !trial.quick).collect();
-    let worlds = variants.iter().map(|v| SCENE.world(&v.sets())).collect::<Result<_, _>>()?;
+    let beds = variants.iter().flat_map(|v| (1..=v.beds()).map(|bed| v.sets(bed)));
+    let worlds = beds.map(|sets| SCENE.world(&sets)).collect::<Result<_, _>>()?;
     let done = run_to_end(worlds, trial.backend)?.all_done()?;
     let mut found = Findings::default();
-    for (w, v) in variants.iter().enumerate() {
-        judge(&mut found, v, &done, w);
+    let mut curves = Vec::new();
+    let mut first = 0;
+    for v in &variants {
+        let next = first + v.beds() as usize;
+        judge(&mut found, v, &done, first..next);
+        curves.push(Curve::new(v, &done.series[first]));
+        first = next;
     }
-    let curves: Vec<Curve> = variants.iter().zip(&done.series).map(|(v, s)| Curve::new(v, s)).collect();
     found.figures.push(("kinetic-energy", kinetic_figure(&curves)));
     found.figures.push(("potential-energy", potential_figure(&curves)));
     Ok(found)
 }
 
-fn judge(found: &mut Findings, v: &Variant, done: &Finished, w: usize) {
-    let series = &done.series[w];
-    let Some((first, last)) = series.first().zip(series.last()) else { return };
-    let peak = series.iter().map(kinetic).fold(0.0, f64::max);
-    found.near(format!("{}_kinetic_left_of_peak", v.name), kinetic(last) / peak, 0.0, 1e-3);
-    // Falling is a trend: late on, single spheres still roll and drop, which shows in energies of 0.1 s.
-    let late = series.iter().filter(|s| s.time > last.time - TREND);
-    let (time, decades): (Vec<f64>, Vec<f64>) = late.map(|s| (s.time, kinetic(s).log10())).unzip();
-    let trend = line(&time, &decades).map_or(f64::NAN, |[_, slope]| slope);
-    found.between(format!("{}_kinetic_trend_decades_per_s", v.name), trend, -100.0, 0.0);
-    let fallen = first.ledger.potential - last.ledger.potential;
-    let before = series.iter().rfind(|s| s.time <= last.time - END).unwrap_or(first);
-    let change = (before.ledger.potential - last.ledger.potential).abs() / fallen;
-    found.near(format!("{}_potential_change_at_end", v.name), change, 0.0, 1e-3);
-    found.zero(format!("{}_lost", v.name), done.batch.progress(w).lost.len() as f64);
-    let open = last.ledger.integrator() / last.ledger.dissipated();
+/// What is asked of the beds `worlds` of a variant.
+fn judge(found: &mut Findings, v: &Variant, done: &Finished, worlds: Range<usize>) {
+    let beds = &done.series[worlds.clone()];
+    let most = |of: fn(&[Sample]) -> f64| beds.iter().map(|series| of(series)).fold(0.0, f64::max);
+    found.near(format!("{}_kinetic_left_of_peak", v.name), most(kinetic_left), 0.0, 1e-3);
+    found.between(format!("{}_kinetic_trend_decades_per_s", v.name), trend(beds), -100.0, 0.0);
+    found.near(format!("{}_potential_change_at_end", v.name), most(potential_change), 0.0, 1e-3);
+    let lost: usize = worlds.map(|w| done.batch.progress(w).lost.len()).sum();
+    found.zero(format!("{}_lost", v.name), lost as f64);
+    let open = most(|series| series.last().map_or(f64::NAN, unaccounted).abs());
     let name = format!("{}_energy_unaccounted_of_dissipated", v.name);
     if v.closes {
         found.near(name, open, 0.0, 0.01);
     } else {
         found.report(name, open);
     }
+}
+
+fn kinetic_left(series: &[Sample]) -> f64 {
+    let peak = series.iter().map(kinetic).fold(0.0, f64::max);
+    series.last().map_or(f64::NAN, kinetic) / peak
+}
+
+/// Decades per second by which the mean kinetic energy of beds rises before their end.
+fn trend(beds: &[Vec<Sample>]) -> f64 {
+    let rows = beds.iter().map(Vec::len).min().unwrap_or(0);
+    let mean = |row: usize| beds.iter().map(|series| kinetic(&series[row])).sum::<f64>() / beds.len() as f64;
+    let Some(end) = rows.checked_sub(1).map(|last| beds[0][last].time) else { return f64::NAN };
+    let late = (0..rows).filter(|row| beds[0][*row].time > end - TREND);
+    let (time, decades): (Vec<f64>, Vec<f64>) =
+        late.map(|row| (beds[0][row].time, mean(row).log10())).unzip();
+    line(&time, &decades).map_or(f64::NAN, |[_, slope]| slope)
+}
+
+/// Share of the potential energy lost in falling by which it changed before the end.
+fn potential_change(series: &[Sample]) -> f64 {
+    let Some((first, last)) = series.first().zip(series.last()) else { return f64::NAN };
+    let fallen = first.ledger.potential - last.ledger.potential;
+    let before = series.iter().rfind(|s| s.time <= last.time - END).unwrap_or(first);
+    (before.ledger.potential - last.ledger.potential).abs() / fallen
+}
+
+/// Energy that the ledger does not find, over what was dissipated.
+fn unaccounted(last: &Sample) -> f64 {
+    last.ledger.integrator() / last.ledger.dissipated()
 }
 
 struct Curve {

@@ -36,9 +36,16 @@ use crate::cell::STEP_GROWTH;
 use crate::failure::Failure;
 use crate::lattice::norm;
 use crate::measure::Tensors;
-use crate::setup::{Constants, REBUILT_LATE, REBUILT_SOON, SKIN_MAX, SKIN_MIN, SKIN_NARROWER, SKIN_WIDER};
+use crate::setup::{Constants, SKIN_MAX, SKIN_MIN, SKIN_WIDER};
 use crate::spec::Pose;
 use crate::state::{Particles, Progress, Spin, State, Velocity};
+
+/// A rebuild fewer steps than this after the last one widens the skin. With wide gradings it costs some 16 steps.
+const REBUILT_SOON: u64 = 60;
+/// A rebuild more steps than this after the last one narrows the skin by [`SKIN_NARROWER`].
+const REBUILT_LATE: u64 = 100;
+/// See [`REBUILT_LATE`].
+const SKIN_NARROWER: f64 = 0.8;
 
 thread_local! {
     static SCRATCH: RefCell<Scratch> = RefCell::default();

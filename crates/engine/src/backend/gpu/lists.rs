@@ -12,10 +12,12 @@ use super::layout::{
     status, world,
 };
 use super::step::apart2;
-use crate::setup::{REBUILT_SOON, SKIN_MAX, SKIN_MIN, SKIN_WIDER};
+use crate::setup::{SKIN_MAX, SKIN_MIN, SKIN_WIDER};
 
 /// Skin, as a share of the mean radius, up to which lists are to last for [`PERIOD`].
 const WIDE: f32 = 0.4;
+/// Lists that lasted fewer steps than this may take any skin.
+const REBUILT_SOON: u32 = 12;
 /// What a skin that lasted shrinks by.
 const NARROWER: f32 = 0.97;
 /// Share that rounding may take of a cell.
@@ -61,7 +63,7 @@ pub fn begin(
             // The skin is to last just as long as lists do; of fast flows only where that costs less than rebuilds.
             let mut wanted = skin;
             if asked == 0u32 {
-                let most = select(since < comptime!(REBUILT_SOON as u32), comptime!(SKIN_MAX as f32), WIDE);
+                let most = select(since < REBUILT_SOON, comptime!(SKIN_MAX as f32), WIDE);
                 if early {
                     wanted = f32::max(skin, f32::min(comptime!(SKIN_WIDER as f32) * skin, most * mean));
                 } else {
