@@ -310,6 +310,8 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
     constants.warnings.extend(warnings);
     let warnings = check_start(&constants, &set)?;
     constants.warnings.extend(warnings);
+    let warnings = constants.worn_nowhere();
+    constants.warnings.extend(warnings);
     let particles = particles(&constants, &set)?;
 
     let spec = &constants.spec;

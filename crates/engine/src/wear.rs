@@ -48,6 +48,20 @@ impl Constants {
         self.spec.wear.iter().any(|k| *k > 0.0)
     }
 
+    /// Materials whose wear nothing tells, because no surface has them.
+    pub fn worn_nowhere(&self) -> Vec<String> {
+        let bare = |m: &usize| !self.spec.surfaces.iter().any(|surface| surface.material == *m);
+        let worn = (0..self.spec.wear.len()).filter(|m| self.spec.wear[*m] > 0.0).filter(bare);
+        let told = worn.map(|m| {
+            format!(
+                "the material `{}` wears, but no surface has it: wear is told of surfaces in `geometry`, not of particles \
+                 or sides of the domain",
+                self.spec.materials[m].name
+            )
+        });
+        told.collect()
+    }
+
     /// The work of sliding on each facet of a surface at the start; empty if it does not wear.
     pub fn unworn(&self, surface: usize) -> Vec<f64> {
         let facets = self.boundaries[surface].shape.triangles();

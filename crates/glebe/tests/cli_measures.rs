@@ -60,6 +60,22 @@ fn areas(set: &Value) -> Vec<f64> {
 }
 
 #[test]
+fn wear_of_a_material_that_no_surface_has_is_warned_of() {
+    let place = Place::new();
+    let wears = "wear = { coefficient = 1e-4, hardness = \"1 GPa\" }";
+    let name = |material: &str| format!("[material.{material}]");
+    place.write("scene.toml", SCENE.replace(&name("soil"), &format!("{}\n{wears}", name("soil"))));
+    place
+        .glebe(&["check", "scene.toml"])
+        .expect(0)
+        .says(&["the material `soil` wears, but no surface has it"]);
+    place.write("scene.toml", SCENE.replace(&name("wall"), &format!("{}\n{wears}", name("wall"))));
+    let output = place.glebe(&["check", "scene.toml"]);
+    output.expect(0);
+    assert!(!output.stderr.contains("no surface has it") && !output.stdout.contains("no surface has it"));
+}
+
+#[test]
 fn frames_show_contacts_and_wear_and_the_summary_has_the_index() {
     let place = Place::new();
     let scene = SCENE
