@@ -15,11 +15,20 @@
 //! up. What a strain would do to the stress it takes from the sample: the stiffness of its contacts, as if each
 //! particle had six.
 //!
+//! Steps between two acts are as many as change the largest target σ by a tenth, at the rates ε̇ that are known
+//! beforehand (the inertial number's and the prescribed ones) and without anything giving way: `n = σ / (10 M ε̇ Δt)`,
+//! 1 to 20. The modulus is that of the mean field with six contacts a grain at a solid share of 0.6, `M = 0.7 k/d`, and
+//! the stiffness k of a contact that of two mean grains that meet at `√(σ/ρ)`: such an impact presses them as σ does,
+//! whatever the law. So n is a function of the scene alone.
+//!
 //! Its rates are at most those of the stage's inertial number, and what the prescribed rates may ask for besides. A
 //! sample dissipates: against a held stress σₕ it gives no more work than prescribed rates put in, `σₕ |ε̇ₕ| ≤ Σ σ
 //! ε̇`. So one that dilates at a ratio R of stresses may widen R times as fast as it is shortened, and no limit may
 //! be below.
 
+use std::f64::consts::PI;
+
+use glebe_physics::Impact;
 use serde::{Deserialize, Serialize};
 
 use crate::failure::SetupError;
@@ -45,6 +54,10 @@ const RESET: f64 = 0.03;
 /// Share of the way to a new rate that it goes at once. Dashpots answer a rate with a stress, which would turn the rate
 /// around the next time: whatever the restitution, theirs is at most a few times the missing stress.
 const EASE: f64 = 0.25;
+/// Share of the largest target by which the stress may change until the servo looks again.
+const CHANGE: f64 = 0.1;
+/// Most steps between two acts: softer samples need no more of them than these.
+const CONTROL_STEPS_MOST: f64 = 20.0;
 
 /// Row and column of the driven components, in the order of [`Deformation::drive`].
 pub const COMPONENTS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]];
@@ -98,15 +111,14 @@ impl Cell {
         }
     }
 
-    /// Sets the rates of the servo for the next `control_steps`.
-    fn govern(&mut self, c: &Constants, d: &Deformation, t: &Tensors) {
+    /// Sets the rates of the servo until it acts again, `interval` \[s\] later.
+    fn govern(&mut self, c: &Constants, d: &Deformation, interval: f64, t: &Tensors) {
         let volume = determinant(&self.matrix);
-        let interval = d.control_steps as f64 * c.dt;
         let pressure = (0..3).map(|k| stress(t, k)).sum::<f64>() / (3.0 * volume);
-        let scale = d.targets().map(|(_, target)| target.abs()).fold(0.0, f64::max);
+        let scale = largest_target(d);
         let scale = if scale > 0.0 { scale } else { pressure.max(0.0) };
-        let own = d.inertial_number / (2.0 * c.radius_mean) * (scale / c.density_mean).sqrt();
-        let limit = (own + power(d, t) / volume / scale.max(f64::MIN_POSITIVE)).min(STRAIN_PER_STEP / c.dt);
+        let limit = (own_rate(c, d, scale) + power(d, t) / volume / scale.max(f64::MIN_POSITIVE))
+            .min(STRAIN_PER_STEP / c.dt);
         // The mean field of an isotropic sample with six contacts a particle: a fifth of Σ k d²/V against a strain
         // along an axis, a fifteenth against an angle.
         let contacts = 3.0 * t.particles as f64;
@@ -161,6 +173,41 @@ fn stress(t: &Tensors, component: usize) -> f64 {
     0.5 * (t.contact[a][b] + t.contact[b][a] + t.kinetic[a][b] + t.kinetic[b][a])
 }
 
+/// The largest of the stresses that a servo goes for \[Pa\]; 0 if it goes for none.
+fn largest_target(d: &Deformation) -> f64 {
+    d.targets().map(|(_, target)| target.abs()).fold(0.0, f64::max)
+}
+
+/// Strain rate of the inertial number at a stress \[1/s\].
+fn own_rate(c: &Constants, d: &Deformation, stress: f64) -> f64 {
+    d.inertial_number / (2.0 * c.radius_mean) * (stress / c.density_mean).sqrt()
+}
+
+/// Steps between two acts of the servo: those given, or what stiffness, stress and rates allow.
+pub fn control_steps(c: &Constants, d: &Deformation) -> u64 {
+    d.control_steps.unwrap_or_else(|| {
+        let stress = largest_target(d);
+        let given: f64 =
+            d.drive.iter().map(|x| if let Drive::Rate(rate) = x { rate.abs() } else { 0.0 }).sum();
+        let rate = own_rate(c, d, stress) + given;
+        let change = modulus(c, stress) * rate * c.dt;
+        // Against targets of 0 alone no change is small.
+        let steps = if stress > 0.0 { CHANGE * stress / change } else { CONTROL_STEPS_MOST };
+        steps.clamp(1.0, CONTROL_STEPS_MOST) as u64
+    })
+}
+
+/// Modulus of a sample under a stress, at most \[Pa\]: the mean field of the stiffest pair of materials.
+fn modulus(c: &Constants, stress: f64) -> f64 {
+    let diameter = 2.0 * c.radius_mean;
+    let mass = c.density_mean * PI / 6.0 * diameter.powi(3);
+    let impact = Impact { m_eff: 0.5 * mass, r_eff: 0.25 * diameter, diameter };
+    let speed = (stress / c.density_mean).sqrt();
+    let times = c.pairs.iter().map(|p| p.laws.normal.collision_time(&p.normal, &impact, speed));
+    let stiffness = impact.m_eff * (PI / times.fold(f64::INFINITY, f64::min)).powi(2);
+    0.7 * stiffness / diameter
+}
+
 /// What prescribed rates put into the sample \[W\], or 0 if they take out.
 fn power(d: &Deformation, t: &Tensors) -> f64 {
     let put_in = |(k, drive): (usize, &Drive)| match drive {
@@ -179,29 +226,29 @@ pub fn off_target(d: &Deformation, t: &Tensors, cell: &Vec3x3) -> f64 {
 }
 
 impl Constants {
-    /// How the servo drives the cell, if it does in the present stage.
-    fn servo(&self, g: &Progress) -> Option<&Deformation> {
+    /// How the servo drives the cell, if it does in the present stage, and the steps between two of its acts.
+    fn servo(&self, g: &Progress) -> Option<(&Deformation, u64)> {
         let deformation = self.spec.stages.get(g.stage)?.deformation.as_ref()?;
-        deformation.targets().next().map(|_| deformation)
+        deformation.targets().next().map(|_| (deformation, self.control_steps[g.stage]))
     }
 
     /// Whether the servo looks at the stress before the next step.
     pub fn governs(&self, g: &Progress) -> bool {
-        let due = |d: &Deformation| (g.step - g.stage_since).is_multiple_of(d.control_steps);
+        let due = |(_, every)| (g.step - g.stage_since).is_multiple_of(every);
         self.servo(g).is_some_and(due) && g.cell.is_some_and(|cell| cell.governed != g.step + 1)
     }
 
     /// Steps until it does so the next time.
     pub fn steps_governed(&self, g: &Progress) -> u64 {
-        self.servo(g).map_or(u64::MAX, |d| d.control_steps - (g.step - g.stage_since) % d.control_steps)
+        self.servo(g).map_or(u64::MAX, |(_, every)| every - (g.step - g.stage_since) % every)
     }
 
     /// Lets the servo act on what it sees.
     pub fn govern(&self, g: &mut Progress, tensors: Option<&Tensors>) {
         let step = g.step;
         let servo = self.servo(g);
-        if let (Some(d), Some(cell), Some(t)) = (servo, &mut g.cell, tensors) {
-            cell.govern(self, d, t);
+        if let (Some((d, every)), Some(cell), Some(t)) = (servo, &mut g.cell, tensors) {
+            cell.govern(self, d, every as f64 * self.dt, t);
             cell.governed = step + 1;
         }
     }
@@ -249,16 +296,21 @@ pub fn check(c: &Constants) -> Result<Vec<String>, SetupError> {
     }
     let mut warnings = Vec::new();
     for (name, d) in stages {
-        if d.control_steps == 0 || !(d.inertial_number > 0.0 && d.inertial_number.is_finite()) {
+        if d.control_steps == Some(0) {
             return bad(format!(
-                "the servo of the stage `{name}` acts every {} steps up to an inertial number of {}; both are above 0",
-                d.control_steps, d.inertial_number
+                "the servo of the stage `{name}` acts every 0 steps; give 1 or more, or leave it out"
+            ));
+        }
+        if !(d.inertial_number > 0.0 && d.inertial_number.is_finite()) {
+            return bad(format!(
+                "the servo of the stage `{name}` acts up to an inertial number of {}; it is above 0",
+                d.inertial_number
             ));
         }
         if let Some((_, target)) = d.targets().find(|(_, target)| !target.is_finite()) {
             return bad(format!("the stage `{name}` goes for a stress of {target} Pa"));
         }
-        let scale = d.targets().map(|(_, target)| target.abs()).fold(0.0, f64::max);
+        let scale = largest_target(d);
         for drive in d.drive {
             let Drive::Rate(rate) = drive else { continue };
             if !rate.is_finite() || rate.abs() * dt > STRAIN_PER_STEP {

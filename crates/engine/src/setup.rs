@@ -11,8 +11,8 @@ use crate::exchange::{self, Flow, InletState};
 use crate::failure::SetupError;
 use crate::lattice::{Lattice, Vec3x3, add, cross, dot, mul, norm, scale, sub};
 use crate::spec::{
-    Action, Class, Component, Frustum, Motion, ParticleSet, Pose, Shape, Side, Step, Surface, Surveyed,
-    TriMesh, Vec3, WorldSpec,
+    Action, Class, Component, Frustum, Motion, ParticleSet, Pose, Shape, Side, Stage, Step, Surface,
+    Surveyed, TriMesh, Vec3, WorldSpec,
 };
 use crate::speed;
 use crate::state::{MeasureState, Particles, Place, Progress, Spin, State, SurfaceState, Velocity};
@@ -161,6 +161,8 @@ pub struct Constants {
     pub density_mean: f64,
     /// Interaction distance beyond touch \[m\].
     pub range: f64,
+    /// Steps between two acts of the servo of a cell, by stage; 0 where it does not deform.
+    pub control_steps: Vec<u64>,
     /// What the user should know.
     pub warnings: Vec<String>,
 }
@@ -301,6 +303,7 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
         radius_mean,
         density_mean,
         range,
+        control_steps: Vec::new(),
         warnings,
     };
     check_periodic(&constants)?;
@@ -308,6 +311,8 @@ pub fn prepare(mut spec: WorldSpec) -> Result<(Arc<Constants>, State), SetupErro
     constants.warnings.extend(warnings);
     let warnings = cell::check(&constants)?;
     constants.warnings.extend(warnings);
+    let every = |stage: &Stage| stage.deformation.as_ref().map_or(0, |d| cell::control_steps(&constants, d));
+    constants.control_steps = constants.spec.stages.iter().map(every).collect();
     let warnings = check_start(&constants, &set)?;
     constants.warnings.extend(warnings);
     let warnings = constants.worn_nowhere();

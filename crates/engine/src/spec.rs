@@ -357,13 +357,14 @@ pub struct Deformation {
     /// for ([`cell`](crate::cell)), with the mean radius and density and the largest target (Lubbe et al., Powder
     /// Technology 2022, doi 10.1016/j.powtec.2022.117631, whose eq. 20 has it inverted).
     pub inertial_number: f64,
-    /// Steps between two acts of the servo, ≥ 1. They are part of the physics: the same on every backend.
-    pub control_steps: u64,
+    /// Steps between two acts of the servo, ≥ 1; none: as many as the stiffness of the grains allows
+    /// ([`cell`](crate::cell)). They are part of the physics: the same on every backend.
+    pub control_steps: Option<u64>,
 }
 
 impl Default for Deformation {
     fn default() -> Self {
-        Self { drive: [Drive::default(); 6], inertial_number: 1e-3, control_steps: 20 }
+        Self { drive: [Drive::default(); 6], inertial_number: 1e-3, control_steps: None }
     }
 }
 

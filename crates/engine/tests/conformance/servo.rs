@@ -3,7 +3,7 @@
 use glebe_engine::batch::{Batch, Observer, Sample, Status};
 use glebe_engine::measure::Interior;
 use glebe_engine::prepare;
-use glebe_engine::spec::{Deformation, Drive, Stage, Until, WorldSpec};
+use glebe_engine::spec::{Deformation, Drive, Stage, Step, Until, WorldSpec};
 use glebe_physics::{ContactModel, LawChoice, Material};
 
 use crate::deforming::packed;
@@ -17,7 +17,7 @@ const STEPS: u64 = 3000;
 fn isotropic(stress: f64) -> Deformation {
     let free = Drive::Rate(0.0);
     let held = Drive::Stress(stress);
-    Deformation { drive: [held, held, held, free, free, free], inertial_number: 0.05, control_steps: 20 }
+    Deformation { drive: [held, held, held, free, free, free], inertial_number: 0.05, control_steps: None }
 }
 
 /// A dense sample of soft grains, damped so that it comes to rest soon.
@@ -95,7 +95,7 @@ pub fn lateral_stress_is_held(on: &Subject) {
 /// stress stays within one percent of its target on average, within ten percent at every row.
 pub fn a_dense_sample_keeps_its_lateral_stress(on: &Subject) {
     let (target, inertial_number) = (1e4, 0.02);
-    let mut d = Deformation { inertial_number, control_steps: 1, ..isotropic(target) };
+    let mut d = Deformation { inertial_number, ..isotropic(target) };
     let mut w = sample(120, d);
     w.materials[0] = Material { youngs_modulus: 5e7, poissons_ratio: 0.5, ..grain(1.0, 0.66) };
     w.contact = ContactModel {
@@ -195,6 +195,37 @@ pub fn a_governed_world_keeps_its_bits(on: &Subject) {
     }
 }
 
+#[test]
+fn steps_between_acts_follow_stress_stiffness_and_rates() {
+    let (target, inertial_number, stiff) = (1e4, 1e-3, 4e9);
+    let steps = |change: &dyn Fn(&mut Deformation), youngs_modulus: f64, dt: Option<f64>| {
+        let mut d = Deformation { inertial_number, ..isotropic(target) };
+        change(&mut d);
+        let mut w = sample(70, d);
+        w.materials[0].youngs_modulus = youngs_modulus;
+        w.contact.normal = LawChoice::named("rve");
+        w.materials[0].restitution = 1.0;
+        w.time.step = dt.map_or(Step::Auto, Step::Fixed);
+        let c = prepare(w).unwrap().0;
+        let all = c.control_steps[0];
+        (all, c)
+    };
+    let (n, c) = steps(&|_| (), stiff, Some(1e-7));
+    // K = 2 E R* = E r for equal spheres of the mean radius, so the mean field has M = 0.7 K/2r = 0.35 E.
+    let rate = inertial_number / (2.0 * c.radius_mean) * (target / c.density_mean).sqrt();
+    let change = |n: u64| 0.35 * stiff * rate * c.dt * n as f64 / target;
+    assert!((2..20).contains(&n) && change(n) <= 0.1 && change(n + 1) > 0.1, "{n} steps: {}", change(n));
+    // Softer grains need fewer acts, faster samples more.
+    assert_eq!(steps(&|_| (), 1e6, Some(1e-7)).0, 20);
+    assert_eq!(steps(&|d| d.inertial_number = 0.1, stiff, Some(1e-7)).0, 1);
+    let driven = steps(&|d| d.drive[2] = Drive::Rate(-3.0 * rate), stiff, Some(1e-7)).0;
+    assert!(driven < n / 3, "{driven} and {n}");
+    assert_eq!(steps(&|d| d.control_steps = Some(33), stiff, None).0, 33);
+    // Nothing is known of a stress that is to vanish.
+    let relaxed = |d: &mut Deformation| d.drive = [Drive::Stress(0.0); 6];
+    assert_eq!(steps(&relaxed, stiff, None).0, 20);
+}
+
 fn refusal(change: impl FnOnce(&mut WorldSpec)) -> Result<Vec<String>, String> {
     let mut w = sample(70, isotropic(1e4));
     w.contact.normal = LawChoice::named("hertz");
@@ -211,7 +242,7 @@ fn what_cannot_be_governed_is_refused() {
         let said = said.map_or_else(|e| e, |warnings| warnings.join("\n"));
         assert!(said.contains(part) && said.contains("stage `run`"), "{said}");
     };
-    said(|d| d.control_steps = 0, "every 0 steps");
+    said(|d| d.control_steps = Some(0), "every 0 steps");
     said(|d| d.inertial_number = 0.0, "above 0");
     said(|d| d.drive[1] = Drive::Stress(f64::INFINITY), "inf Pa");
     said(|d| d.drive[2] = Drive::Rate(49.0), "inertial number");

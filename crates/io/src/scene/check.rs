@@ -90,6 +90,10 @@ impl Record {
         self.has(key).then(|| self.number(key))
     }
 
+    pub fn integer_if(&self, key: &str) -> Option<u64> {
+        self.has(key).then(|| self.integer(key))
+    }
+
     pub fn law_if(&self, key: &str) -> Option<LawChoice> {
         self.has(key).then(|| self.law(key))
     }

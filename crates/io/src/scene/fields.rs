@@ -531,7 +531,7 @@ static CELL: TableSpec = TableSpec {
             .above(0.0)
             .at_most(1.0),
         Field::new("control_steps", Kind::Integer, "Steps between two acts of the servo; curves depend on it as they do on the time step.")
-            .or("20")
+            .optional("as many as change the largest stress by a tenth, 1 to 20")
             .at_least(1.0)
             .at_most(1e4),
     ],

@@ -810,7 +810,7 @@ fn deformation(record: &Record, checker: &mut Checker) -> Deformation {
     Deformation {
         drive: COMPONENTS.map(drive),
         inertial_number: record.number("inertial_number"),
-        control_steps: record.integer("control_steps"),
+        control_steps: record.integer_if("control_steps"),
     }
 }
 

@@ -153,7 +153,7 @@ impl Curve {
     }
 
     /// A column of the loading by its name, one of [`CURVE`]; none if there is no such column.
-    pub(crate) fn column(&self, name: &str) -> Option<Vec<f64>> {
+    pub fn column(&self, name: &str) -> Option<Vec<f64>> {
         let derived = [&self.strain, &self.eps_v, &self.eps_q, &self.p, &self.q];
         let rows = self.loading();
         if let Some(k) = DERIVED.iter().position(|n| *n == name) {
