@@ -6,8 +6,8 @@
 //! mass rises with μr and comes to a plateau, and a rolling spring (EPSD) carries more than a torque that is none at
 //! rest.
 //!
-//! Chosen: E 1e7 Pa, ν 0.3, e 0.5; friction 0.16 among spheres, that of the paper's beads (its table 2), and 0.3 on
-//! the floor, for which both ways to fall, rolling and sliding, are within the range of table 3; a step of 1e-4 s; a
+//! Chosen: E 1e9 Pa, ν 0.3, e 0.5; friction 0.16 among spheres, that of the paper's beads (its table 2), and 0.3 on
+//! the floor, for which both ways to fall, rolling and sliding, are within the range of table 3; a step of 2e-5 s; a
 //! stack has collapsed if the top sphere is at the floor after 5 s. Masses are bisected up to 20.48 kg: more than
 //! that is told as that. Spheres begin in contact without overlap.
 //!
@@ -18,13 +18,20 @@
 //!   so the stack may fall a little below that.
 //!
 //! Asked for, with EPSD and with constant torque: from the least μr on the critical mass rises by half at least; from
-//! 0.2 to 0.4 it stays within a tenth; EPSD carries no less than constant torque anywhere, as in the paper; with EPSD
-//! it is between 0.7 and 1.1 of statics.
+//! 0.2 to 0.4 it stays within a tenth; it is between 0.9 and 1.05 of statics.
 //!
-//! **It fails** in the order of the two laws: this engine's constant torque resists up to what stops a rotation
-//! within a step, so that it carries 0.87 to 0.97 of statics at the points of the quick size, and EPSD 0.82 to 0.89.
-//! A load that comes at once makes a spring swing beyond its rest. The law of the paper's own program (`chrono`) is
-//! reported in the full size, which takes 3 · 240 worlds · 11 rounds · 5e4 steps = 4e8 particle-steps.
+//! **One finding of the paper is not found here**: that a rolling spring carries more than a constant torque. The paper
+//! says that resistance of its constant torque vanishes at rest. That of this engine does not: it resists up to what
+//! stops the rotation within a step, comes to statics as the spring does, and carries up to 3 % more than that within
+//! these 5 s, in which the stacks near their limit still sink slowly. So the ratio is told and not asked for.
+//!
+//! The stiffness matters to EPSD: its spring has wound up when it carries its limit, and by then the lower spheres have
+//! rolled apart by a length `∝ E^-⅔`, so that the stack is a wider one. With E 1e7 Pa it carried 0.81 of statics at a gap
+//! of 0.2 R and μr 0.1 whatever the step; with 1e9 Pa 0.95.
+//!
+//! The law of the paper's own program (`chrono`) is reported in the full size. Its torque is that of each sphere's own
+//! radius, twice that of the others here, so that it carries up to 1.8 times as much (2.76 kg where EPSD carries 1.54,
+//! at a gap of 0.2 R and μr 0.1). That size takes 3 · 240 worlds · 11 rounds · 2.5e5 steps = 2e9 particle-steps.
 
 use glebe_engine::batch::{Status, positions};
 use glebe_engine::prepare;
@@ -53,6 +60,9 @@ const FLOOR: f64 = 0.3;
 /// Least step of masses \[kg\], and how often their range is halved.
 const STEP: f64 = 0.01;
 const ROUNDS: u32 = 11;
+
+/// Laws of rolling resistance; the quick size has the first two.
+const LAWS: [&str; 3] = ["constant-torque", "epsd", "chrono"];
 
 /// A kind of stack.
 struct Stack {
@@ -106,11 +116,11 @@ impl Stack {
 
 fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let (laws, gaps, rolling): (&[&str], &[f64], Vec<f64>) = if trial.quick {
-        (&["constant-torque", "epsd"], &[0.2, 0.4], vec![0.07, 0.1, 0.2, 0.4])
+        (&LAWS[..2], &[0.2, 0.4], vec![0.07, 0.1, 0.2, 0.4])
     } else {
         let fine = (7..=20).map(|k| f64::from(k) / 100.0);
         let all = fine.chain([0.3, 0.4]).collect();
-        (&["constant-torque", "epsd", "chrono"], &[0.2, 0.25, 0.3, 0.35, 0.4], all)
+        (&LAWS, &[0.2, 0.25, 0.3, 0.35, 0.4], all)
     };
     let mut stacks = Vec::new();
     for law in laws {
@@ -136,7 +146,7 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
         .take(gaps.len() * rolling.len())
         .map(|(torque, spring)| spring.critical() / torque.critical())
         .fold(f64::INFINITY, f64::min);
-    found.between("epsd_over_constant_torque_at_least", least, 1.0, 1e6);
+    found.report("epsd_over_constant_torque_at_least", least);
     let names = [
         "epsd-and-torque-1",
         "epsd-and-torque-2",
@@ -181,8 +191,11 @@ fn bisect(stacks: &mut [Stack], trial: Trial<'_>) -> Result<(), CaseError> {
 fn judge(curve: &[Stack], found: &mut Findings) {
     for stack in curve {
         let name = format!("{}_gap_{}_mu_{}", stack.law, stack.gap, stack.rolling);
-        if stack.law == "epsd" {
-            found.between(format!("{name}_over_statics"), stack.critical() / stack.statics(), 0.7, 1.1);
+        let share = stack.critical() / stack.statics();
+        if stack.law == "chrono" {
+            found.report(format!("{name}_over_statics"), share);
+        } else {
+            found.between(format!("{name}_over_statics"), share, 0.9, 1.05);
         }
         found.report(format!("{name}_kg"), stack.critical());
     }

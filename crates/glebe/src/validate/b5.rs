@@ -55,6 +55,7 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
             radius: 0.5 * DIAMETER,
             density: *density,
             speed: (2.0 * g * height).sqrt(),
+            rolling: None,
         })
         .collect();
     let paths = bed.hit(&balls, "ball", trial)?;

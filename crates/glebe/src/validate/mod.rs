@@ -21,6 +21,7 @@ mod b2;
 mod b3;
 mod b4;
 mod b5;
+mod b6;
 mod b7;
 mod b8;
 mod c1;
@@ -63,6 +64,7 @@ const CASES: &[Case] = &[
     b3::CASE,
     b4::CASE,
     b5::CASE,
+    b6::CASE,
     b7::CASE,
     b8::CASE,
     b10::CASE,

@@ -36,6 +36,8 @@ pub struct Ball {
     pub density: f64,
     /// How fast it is when it meets the surface \[m/s\].
     pub speed: f64,
+    /// Rolling friction of all materials while it falls; each has its own if none.
+    pub rolling: Option<f64>,
 }
 
 /// How a ball moves: a row for each sample.
@@ -101,6 +103,9 @@ impl Bed {
         let named = spec.materials.iter().position(|m| m.name == material);
         let id = named.ok_or_else(|| CaseError::Scene(format!("no material `{material}`")))?;
         spec.materials[id].density = ball.density;
+        if let Some(rolling) = ball.rolling {
+            spec.materials.iter_mut().for_each(|m| m.rolling_friction = rolling);
+        }
         let speed = (ball.speed * ball.speed - 2.0 * g * above(ball, g)).max(0.0).sqrt();
         let centre = [0.0, 0.0, self.surface + above(ball, g) + ball.radius];
         spec.particles.push_moving(centre, ball.radius, id, [0.0, 0.0, -speed], [0.0; 3]);
@@ -129,6 +134,28 @@ impl Path {
     /// Deepest place of its lowest point under the surface \[m\].
     pub fn deepest(&self) -> f64 {
         self.depth.iter().copied().fold(f64::NAN, f64::max)
+    }
+
+    /// Time and depth \[s, m\] at which it is first no faster downwards than `speed` \[m/s\] under the surface; none if it
+    /// never is.
+    pub fn slowed_to(&self, speed: f64) -> Option<[f64; 2]> {
+        let inside = self.time.iter().position(|t| *t > 0.0)?;
+        let k = inside + self.velocity[inside..].iter().position(|v| *v >= -speed)?;
+        let before = k.checked_sub(1)?;
+        // Between two rows, at a velocity as straight as they are near each other.
+        let [from, to] = [self.velocity[before], self.velocity[k]];
+        let share = if to > from { (from + speed) / (from - to) } else { 1.0 };
+        let between = |column: &[f64]| column[before] + share * (column[k] - column[before]);
+        Some([between(&self.time), between(&self.depth)])
+    }
+
+    /// Largest acceleration upwards \[m/s²\], as means over a span \[s\].
+    pub fn peak_acceleration(&self, span: f64) -> f64 {
+        let row = self.time.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::NAN, f64::max);
+        let rows = (span / row).round().max(1.0) as usize;
+        let after = self.time.iter().zip(&self.velocity).skip(rows);
+        let pairs = self.time.iter().zip(&self.velocity).zip(after);
+        pairs.map(|((t0, v0), (t1, v1))| (v1 - v0) / (t1 - t0)).fold(f64::NAN, f64::max)
     }
 
     /// Mean speed of the last tenth of the rows \[m/s\].
