@@ -320,13 +320,13 @@ pub fn check(c: &Constants) -> Result<Vec<String>, SetupError> {
                     rate.abs() * dt
                 ));
             }
-            let inertial = rate.abs() * 2.0 * c.radius_mean * (c.density_mean / scale).sqrt();
-            if scale > 0.0 && inertial > d.inertial_number * (1.0 + 1e-9) {
+            let own = own_rate(c, d, scale);
+            if scale > 0.0 && rate.abs() > own * (1.0 + 1e-9) {
                 warnings.push(format!(
-                    "the stage `{name}` strains the cell at an inertial number of {inertial:.1e} at {scale:e} Pa, above \
-                     {:.1e}: its curves depend on the rate. At {:.3e} 1/s they hardly would",
-                    d.inertial_number,
-                    rate.abs() * d.inertial_number / inertial
+                    "the stage `{name}` strains the cell at an inertial number of {:.1e} at {scale:e} Pa, above {:.1e}: its \
+                     curves depend on the rate. At {own:.3e} 1/s they hardly would",
+                    d.inertial_number * rate.abs() / own,
+                    d.inertial_number
                 ));
             }
         }

@@ -18,7 +18,7 @@ use glebe_engine::batch::Sample;
 use glebe_report::{Axis, Plot, Series, Style};
 
 use super::case::{Case, CaseError, Findings};
-use super::trial::{Finished, SceneFile, Trial, kinetic, run_to_end, scene_file};
+use super::trial::{Finished, SceneFile, Trial, kinetic, largest, peak_kinetic, run_to_end, scene_file};
 use glebe_study::fit::line;
 
 pub(super) const CASE: Case = Case {
@@ -112,7 +112,7 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
 /// What is asked of the beds `worlds` of a variant.
 fn judge(found: &mut Findings, v: &Variant, done: &Finished, worlds: Range<usize>) {
     let beds = &done.series[worlds.clone()];
-    let most = |of: fn(&[Sample]) -> f64| beds.iter().map(|series| of(series)).fold(0.0, f64::max);
+    let most = |of: fn(&[Sample]) -> f64| largest(beds.iter().map(|series| of(series)));
     found.near(format!("{}_kinetic_left_of_peak", v.name), most(kinetic_left), 0.0, 1e-3);
     found.between(format!("{}_kinetic_trend_decades_per_s", v.name), trend(beds), -100.0, 0.0);
     found.near(format!("{}_potential_change_at_end", v.name), most(potential_change), 0.0, 1e-3);
@@ -128,8 +128,7 @@ fn judge(found: &mut Findings, v: &Variant, done: &Finished, worlds: Range<usize
 }
 
 fn kinetic_left(series: &[Sample]) -> f64 {
-    let peak = series.iter().map(kinetic).fold(0.0, f64::max);
-    series.last().map_or(f64::NAN, kinetic) / peak
+    series.last().map_or(f64::NAN, kinetic) / peak_kinetic(series)
 }
 
 /// Decades per second by which the mean kinetic energy of beds rises before their end.
@@ -166,7 +165,7 @@ struct Curve {
 impl Curve {
     /// Energies in shares: kinetic of its peak, potential of what it was.
     fn new(v: &Variant, series: &[Sample]) -> Self {
-        let peak = series.iter().map(kinetic).fold(0.0, f64::max);
+        let peak = peak_kinetic(series);
         let start = series.first().map_or(1.0, |s| s.ledger.potential);
         Self {
             name: v.name.replace('_', " "),

@@ -21,7 +21,7 @@ use glebe_engine::state::State;
 use glebe_report::{Axis, Plot, Series, Style};
 
 use super::case::{Case, CaseError, Findings};
-use super::trial::{Record, SceneFile, Trial, power_law, scene_file};
+use super::trial::{Record, SceneFile, Trial, largest, power_law, scene_file};
 use crate::device::admit;
 
 pub(super) const CASE: Case = Case {
@@ -91,7 +91,7 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
             found.near(name, exponent, expected, APART);
         }
     }
-    let at_most = brute.iter().zip(&cells).map(|(brute, cells)| brute[1] / cells[1]).fold(0.0, f64::max);
+    let at_most = largest(brute.iter().zip(&cells).map(|(brute, cells)| brute[1] / cells[1]));
     found.between("brute_force_over_cells_at_most", at_most, 2.0, 1e9);
     if let Some(particles) = crossover(&cells, &brute) {
         found.report("crossover_particles", particles);
@@ -184,10 +184,10 @@ fn differences(backend: Backend) -> Result<f64, CaseError> {
     if listed.len() != count || all.len() != count {
         return Ok(f64::INFINITY);
     }
-    let largest = all.iter().flat_map(|f| f.1).map(|x| f64::from(x.abs())).fold(0.0, f64::max);
+    let scale = largest(all.iter().flat_map(|f| f.1).map(|x| f64::from(x.abs())));
     let apart =
         listed.iter().zip(&all).flat_map(|(a, b)| [0, 1, 2].map(|k| f64::from(a.1[k]) - f64::from(b.1[k])));
-    Ok(apart.map(f64::abs).fold(0.0, f64::max) / largest)
+    Ok(largest(apart.map(f64::abs)) / scale)
 }
 
 fn figure(cells: &[[f64; 2]], brute: &[[f64; 2]]) -> String {

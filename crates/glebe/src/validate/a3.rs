@@ -15,7 +15,7 @@ use glebe_physics::{IntegratorKind, hertz_collision_time};
 use glebe_report::{Axis, Plot, Series, Style};
 
 use super::case::{Case, CaseError, Findings};
-use super::trial::{SceneFile, Trial, kinetic, mean, power_law, run_to_end, scene_file};
+use super::trial::{SceneFile, Trial, kinetic, mean, peak_kinetic, power_law, run_to_end, scene_file};
 
 pub(super) const CASE: Case = Case {
     id: "A3",
@@ -83,7 +83,7 @@ fn depositions(found: &mut Findings, backend: Backend) -> Result<(), CaseError> 
         .series
         .iter()
         .map(|series| {
-            let peak = series.iter().map(kinetic).fold(0.0, f64::max);
+            let peak = peak_kinetic(series);
             [series.iter().map(|s| s.time).collect(), series.iter().map(|s| kinetic(s) / peak).collect()]
         })
         .collect();
@@ -107,9 +107,8 @@ fn depositions(found: &mut Findings, backend: Backend) -> Result<(), CaseError> 
 
 /// Kinetic energy at the end, as a share of its peak.
 fn left_of_peak(series: &[Sample]) -> f64 {
-    let peak = series.iter().map(kinetic).fold(0.0, f64::max);
     let end = series.last().map_or(0.0, |s| s.time - END);
-    mean(series.iter().filter(|s| s.time > end).map(kinetic)) / peak
+    mean(series.iter().filter(|s| s.time > end).map(kinetic)) / peak_kinetic(series)
 }
 
 /// Steps in the time of an elastic collision. With 400 what single precision leaves (3e-7 to 7e-7 of the

@@ -11,7 +11,7 @@ use glebe_physics::hertz_collision_time;
 use glebe_report::{Axis, Mark, Plot, Series, Style};
 
 use super::case::{Case, CaseError, Findings};
-use super::trial::{SceneFile, Trial, run_to_end, scene_file};
+use super::trial::{SceneFile, Trial, largest, run_to_end, scene_file};
 
 pub(super) const CASE: Case = Case {
     id: "B1",
@@ -69,21 +69,20 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let spin = |e: f64| 2.5 * friction * (1.0 + e);
     let mut found = Findings::default();
     let sliding = || impacts.iter().filter(|i| i.angle >= critical + 3.0);
-    let worst = |errors: &mut dyn Iterator<Item = f64>| errors.fold(0.0, f64::max);
-    let e_t = worst(&mut sliding().map(|i| (i.e_t / rebound(i.e, i.angle) - 1.0).abs()));
-    let turning = worst(&mut sliding().map(|i| (i.spin / spin(i.e) - 1.0).abs()));
+    let e_t = largest(sliding().map(|i| (i.e_t / rebound(i.e, i.angle) - 1.0).abs()));
+    let turning = largest(sliding().map(|i| (i.spin / spin(i.e) - 1.0).abs()));
     found.near("sliding_rebound_worst_relative_error", e_t, 0.0, 0.01);
     found.near("sliding_spin_worst_relative_error", turning, 0.0, 0.01);
     found.near(
         "restitution_worst_relative_error",
-        worst(&mut impacts.iter().map(|i| (i.e / prescribed - 1.0).abs())),
+        largest(impacts.iter().map(|i| (i.e / prescribed - 1.0).abs())),
         0.0,
         0.005,
     );
     // Smooth: third differences of neighbouring angles stay small. The limit is chosen.
     let below: Vec<f64> = impacts.iter().filter(|i| i.angle < critical).map(|i| i.e_t).collect();
     let kinks = below.windows(4).map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs());
-    found.near("sticking_rebound_worst_third_difference", kinks.fold(0.0, f64::max), 0.0, 0.05);
+    found.near("sticking_rebound_worst_third_difference", largest(kinks), 0.0, 0.05);
     found.report("critical_angle_degrees", critical);
 
     let x: Vec<f64> = impacts.iter().map(|i| i.angle).collect();

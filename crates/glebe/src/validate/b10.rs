@@ -22,7 +22,7 @@ use glebe_physics::IntegratorKind;
 use glebe_report::{Axis, Plot, Series, Style};
 
 use super::case::{Case, CaseError, Findings};
-use super::trial::{Folder, Record, SceneFile, Trial, scene_file};
+use super::trial::{Folder, Record, SceneFile, Trial, largest, scene_file};
 use crate::device::admit;
 
 pub(super) const CASE: Case = Case {
@@ -150,7 +150,7 @@ fn departure(constants: &Arc<Constants>, a: &State, b: &State) -> f64 {
         });
         1e3 * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
     });
-    apart.fold(0.0, f64::max)
+    largest(apart)
 }
 
 fn figure(curves: &[(&str, Together)]) -> String {

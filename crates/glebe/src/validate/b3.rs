@@ -36,7 +36,7 @@ use glebe_report::{Axis, Plot, Series, Style};
 use std::sync::Arc;
 
 use super::case::{Case, CaseError, Findings};
-use super::trial::{Look, SceneFile, Trial, run_with, scene_file};
+use super::trial::{Look, SceneFile, Trial, least, run_with, scene_file};
 
 pub(super) const CASE: Case = Case {
     id: "B3",
@@ -111,7 +111,7 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
         found.near(name, over_first(chain, 1), 1.0, 0.05);
     }
     let above = (0..smooth.len()).filter(|k| smooth[*k].load > 5.0);
-    let gain = above.map(|k| over_first(rough, k) - over_first(smooth, k)).fold(f64::INFINITY, f64::min);
+    let gain = least(above.map(|k| over_first(rough, k) - over_first(smooth, k)));
     found.between("mu_0.2_kept_more_of_the_middle_than_mu_0", gain, 0.0, 10.0);
     for (name, (friction, chain)) in
         ["profiles-1", "profiles-2", "profiles-3"].into_iter().zip(frictions.iter().zip(&chains))

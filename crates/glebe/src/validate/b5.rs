@@ -18,8 +18,8 @@ use glebe_report::{Axis, Plot, Series, Style};
 use glebe_study::fit::linear;
 
 use super::case::{Case, CaseError, Findings};
-use super::projectile::{Ball, Bed, Path};
-use super::trial::{SceneFile, Trial, scene_file};
+use super::projectile::{Ball, Bed, Path, paths_figure};
+use super::trial::{SceneFile, Trial, largest, scene_file};
 
 pub(super) const CASE: Case = Case {
     id: "B5",
@@ -88,9 +88,11 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
         found.between("straightness_R2", r2, 0.95, 1.0);
     }
     let off = scales.iter().zip(&depths).map(|(x, y)| (y / (slope * x) - 1.0).abs());
-    found.near("largest_distance_from_the_line", off.fold(0.0, f64::max), 0.0, 0.2);
+    found.near("largest_distance_from_the_line", largest(off), 0.0, 0.2);
     found.figures.push(("depth", figure(&scales, &depths, slope)));
-    found.figures.push(("fall", paths_figure(&drops, &paths)));
+    let names: Vec<String> =
+        drops.iter().map(|[density, height]| format!("{density} kg/m³, {height} m")).collect();
+    found.figures.push(("fall", paths_figure("Balls sink into beads", &names, &paths)));
     Ok(found)
 }
 
@@ -116,22 +118,6 @@ fn figure(scales: &[f64], depths: &[f64], slope: f64) -> String {
             Series { name: "the paper, 0.122", x: &ends, y: &paper, style: Style::Dashed },
             Series { name: "experiment, 0.14", x: &ends, y: &experiment, style: Style::Dashed },
         ],
-        ..Plot::default()
-    }
-    .to_svg()
-}
-
-fn paths_figure(drops: &[[f64; 2]], paths: &[Path]) -> String {
-    let names: Vec<String> =
-        drops.iter().map(|[density, height]| format!("{density} kg/m³, {height} m")).collect();
-    let curves = names.iter().zip(paths);
-    Plot {
-        title: "Balls sink into beads",
-        x: Axis::new("time since the surface", "s"),
-        y: Axis::new("depth of the lowest point", "m"),
-        series: curves
-            .map(|(name, path)| Series { name, x: &path.time, y: &path.depth, style: Style::Line })
-            .collect(),
         ..Plot::default()
     }
     .to_svg()

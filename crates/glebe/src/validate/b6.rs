@@ -27,8 +27,8 @@ use glebe_engine::spec::WorldSpec;
 use glebe_report::{Axis, Plot, Series, Style};
 
 use super::case::{Case, CaseError, Findings};
-use super::projectile::{Ball, Bed, Path};
-use super::trial::{SceneFile, Trial, keep, mean, scene_file};
+use super::projectile::{Ball, Bed, Path, paths_figure};
+use super::trial::{SceneFile, Trial, keep, largest, least, mean, scene_file};
 
 pub(super) const CASE: Case = Case {
     id: "B6",
@@ -117,18 +117,18 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
         }
         let by_speed = |of: Value| -> Vec<f64> { row.iter().map(of).collect() };
         let name = |what: &str| format!("mu_r_{rolling}_{what}_over_that_of_the_speed_before");
-        found.between(name("least_peak"), least(&by_speed(|c| c.peak)), 1.0, 100.0);
-        found.between(name("least_depth"), least(&by_speed(|c| c.depth)), 1.0, 100.0);
-        found.between(name("largest_time"), largest(&by_speed(|c| c.time)), 0.0, 1.0);
+        found.between(name("least_peak"), least(ratios(&by_speed(|c| c.peak))), 1.0, 100.0);
+        found.between(name("least_depth"), least(ratios(&by_speed(|c| c.depth))), 1.0, 100.0);
+        found.between(name("largest_time"), largest(ratios(&by_speed(|c| c.time))), 0.0, 1.0);
     }
     for (k, speed) in speeds.iter().enumerate() {
         let by_rolling = |of: Value| -> Vec<f64> { rows.iter().map(|r| of(&r[k])).collect() };
         let name = |what: &str| format!("at_{speed}_m_s_largest_{what}_over_that_of_less_mu_r");
-        found.between(name("depth"), largest(&by_rolling(|c| c.depth)), 0.0, 1.0);
-        found.between(name("time"), largest(&by_rolling(|c| c.time)), 0.0, 1.0);
+        found.between(name("depth"), largest(ratios(&by_rolling(|c| c.depth))), 0.0, 1.0);
+        found.between(name("time"), largest(ratios(&by_rolling(|c| c.time))), 0.0, 1.0);
         let peaks = by_rolling(|c| c.peak);
         let middle = mean(peaks.iter().copied());
-        let off = peaks.iter().map(|p| (p / middle - 1.0).abs()).fold(0.0, f64::max);
+        let off = largest(peaks.iter().map(|p| (p / middle - 1.0).abs()));
         let name = format!("at_{speed}_m_s_peak_changes_with_mu_r");
         if k + 2 < speeds.len() {
             found.report(name, off);
@@ -155,7 +155,9 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     for ((name, label, of), unit) in curves.into_iter().zip(["m", "s", "m/s²"]) {
         found.figures.push((name, by_speed_figure(Axis::new(label, unit), speeds, &rows, of)));
     }
-    found.figures.push(("fall", falls_figure(&falls, &paths)));
+    let name = |ball: &Ball| format!("{} m/s, μr = {}", ball.speed, ball.rolling.unwrap_or(f64::NAN));
+    let names: Vec<String> = falls.iter().map(name).collect();
+    found.figures.push(("fall", paths_figure("A ball of 1 kg sinks into beads", &names, &paths)));
     Ok(found)
 }
 
@@ -175,13 +177,9 @@ fn world(vessel: &Vessel, quick: bool) -> Result<WorldSpec, CaseError> {
     Ok(keep(SCENE.world(&sets)?, |x, bead| x[0].hypot(x[1]) < radius - bead))
 }
 
-/// Least and largest ratio of a value to the one before it.
-fn least(values: &[f64]) -> f64 {
-    values.windows(2).map(|pair| pair[1] / pair[0]).fold(f64::INFINITY, f64::min)
-}
-
-fn largest(values: &[f64]) -> f64 {
-    values.windows(2).map(|pair| pair[1] / pair[0]).fold(f64::NEG_INFINITY, f64::max)
+/// Ratios of each value to the one before it.
+fn ratios(values: &[f64]) -> impl Iterator<Item = f64> {
+    values.windows(2).map(|pair| pair[1] / pair[0])
 }
 
 fn by_speed_figure(y: Axis, speeds: &[f64], rows: &[&[Collision]], of: Value) -> String {
@@ -193,24 +191,6 @@ fn by_speed_figure(y: Axis, speeds: &[f64], rows: &[&[Collision]], of: Value) ->
         x: Axis::new("speed at the surface", "m/s"),
         y: y.from_zero(),
         series: curves.map(|(name, y)| Series { name, x: speeds, y, style: Style::Line }).collect(),
-        ..Plot::default()
-    }
-    .to_svg()
-}
-
-fn falls_figure(falls: &[Ball], paths: &[Path]) -> String {
-    let names: Vec<String> = falls
-        .iter()
-        .map(|ball| format!("{} m/s, μr = {}", ball.speed, ball.rolling.unwrap_or(f64::NAN)))
-        .collect();
-    let curves = names.iter().zip(paths);
-    Plot {
-        title: "A ball of 1 kg sinks into beads",
-        x: Axis::new("time since the surface", "s"),
-        y: Axis::new("depth of the lowest point", "m"),
-        series: curves
-            .map(|(name, path)| Series { name, x: &path.time, y: &path.depth, style: Style::Line })
-            .collect(),
         ..Plot::default()
     }
     .to_svg()

@@ -10,6 +10,7 @@ use std::f64::consts::PI;
 use glebe_engine::batch::{Frame, Status};
 use glebe_engine::prepare;
 use glebe_engine::spec::{Vec3, WorldSpec};
+use glebe_report::{Axis, Plot, Series, Style};
 
 use super::case::CaseError;
 use super::trial::{Look, Trial, at_rest, mean, run_with, settled};
@@ -111,6 +112,21 @@ impl Bed {
         spec.particles.push_moving(centre, ball.radius, id, [0.0, 0.0, -speed], [0.0; 3]);
         Ok(spec)
     }
+}
+
+/// Depths over time, a named curve for each path.
+pub fn paths_figure(title: &str, names: &[String], paths: &[Path]) -> String {
+    let curves = names.iter().zip(paths);
+    Plot {
+        title,
+        x: Axis::new("time since the surface", "s"),
+        y: Axis::new("depth of the lowest point", "m"),
+        series: curves
+            .map(|(name, path)| Series { name, x: &path.time, y: &path.depth, style: Style::Line })
+            .collect(),
+        ..Plot::default()
+    }
+    .to_svg()
 }
 
 /// Height that a ball starts at: not more than it falls in all.

@@ -238,6 +238,21 @@ pub fn kinetic(sample: &Sample) -> f64 {
     sample.ledger.translation + sample.ledger.rotation
 }
 
+/// Largest kinetic energy of samples \[J\].
+pub fn peak_kinetic(series: &[Sample]) -> f64 {
+    series.iter().map(kinetic).fold(0.0, f64::max)
+}
+
+/// Largest of values; NaN of none, or if one is, so that no limit holds.
+pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
+    values.into_iter().reduce(|a, b| if a >= b || a.is_nan() { a } else { b }).unwrap_or(f64::NAN)
+}
+
+/// Least of values; NaN as [`largest`].
+pub fn least(values: impl IntoIterator<Item = f64>) -> f64 {
+    -largest(values.into_iter().map(|x| -x))
+}
+
 /// Mean of values; NaN of none.
 pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     let (n, sum) = values.into_iter().fold((0.0, 0.0), |(n, sum), x| (n + 1.0, sum + x));
