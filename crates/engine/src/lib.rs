@@ -5,6 +5,7 @@
 pub mod backend;
 pub mod batch;
 pub mod cell;
+pub mod classes;
 pub mod exchange;
 pub mod field;
 pub mod frustum;

@@ -15,12 +15,22 @@ use crate::support::{
 
 const SIZE: f64 = 0.030;
 
-/// 400 spheres of 1-3 mm, packed in a box that is periodic along x, pressed together by 2 %.
-fn packed() -> &'static (Vec<f64>, Vec<Vec3>) {
-    static PACKED: OnceLock<(Vec<f64>, Vec<Vec3>)> = OnceLock::new();
-    PACKED.get_or_init(|| {
+/// Sizes of spheres in a packing.
+#[derive(Clone, Copy, PartialEq)]
+enum Grading {
+    /// R = 1 to 3 mm: one size class.
+    Narrow,
+    /// R = 0.5 to 3 mm: several.
+    Wide,
+}
+
+/// 400 spheres, packed in a box that is periodic along x, pressed together by 2 %.
+fn packed(grading: Grading) -> &'static (Vec<f64>, Vec<Vec3>) {
+    static PACKED: [OnceLock<(Vec<f64>, Vec<Vec3>)>; 2] = [const { OnceLock::new() }; 2];
+    let least = if grading == Grading::Narrow { 1.0 } else { 0.5 };
+    PACKED[grading as usize].get_or_init(|| {
         let mut r = Random(5);
-        let radii: Vec<f64> = (0..400).map(|_| 1e-3 * (1.0 + 2.0 * r.unit())).collect();
+        let radii: Vec<f64> = (0..400).map(|_| 1e-3 * (least + (3.0 - least) * r.unit())).collect();
         let region = Region { min: [0.0; 3], max: [SIZE, SIZE, 2.0 * SIZE], periodic: [true, false, false] };
         let x = generate("dense", &FillRequest::new(region, &radii, 3)).unwrap();
         (radii, x)
@@ -32,12 +42,12 @@ const PRESSED: f64 = 0.98;
 
 /// The packing `copies` times over along x, in walls along y, on a zigzag mesh, of two materials, all moving and spinning.
 fn world(contact: ContactModel, copies: usize) -> WorldSpec {
-    pressed(contact, copies, PRESSED)
+    pressed(contact, copies, PRESSED, Grading::Narrow)
 }
 
 /// The same with distances pressed to another part of what they were.
-fn pressed(contact: ContactModel, copies: usize, part: f64) -> WorldSpec {
-    let (radii, positions) = packed();
+fn pressed(contact: ContactModel, copies: usize, part: f64, grading: Grading) -> WorldSpec {
+    let (radii, positions) = packed(grading);
     let other = Material {
         youngs_modulus: 3e7,
         poissons_ratio: 0.2,
@@ -92,20 +102,26 @@ pub fn one_step_forces_equal_the_reference(on: &Subject) {
 
 /// Blocks of a device are shaped by the number of particles: a few to a block, one to a unit, surfaces together with
 /// pairs and apart, as in worlds of which there are many. Pressed hard, a block has more contacts than it has room for at
-/// a time.
+/// a time. Where sizes differ much, units are dealt out to lists.
 pub fn crowds_step_as_on_the_cpu(on: &Subject) {
     let contact = ContactModel { rolling: LawChoice::named("constant-torque"), ..ContactModel::default() };
-    let beds =
-        [(3, PRESSED, false), (43, PRESSED, false), (43, 0.94, false), (43, PRESSED, true), (3, 0.94, true)];
-    for (copies, part, throughput) in beds {
-        let mut bed = pressed(contact.clone(), copies, part);
+    let mut beds = Vec::new();
+    for grading in [Grading::Narrow, Grading::Wide] {
+        beds.extend([(3, PRESSED, false, grading), (43, PRESSED, false, grading), (3, 0.94, true, grading)]);
+    }
+    beds.extend([(43, 0.94, false, Grading::Narrow), (43, PRESSED, true, Grading::Narrow)]);
+    for (copies, part, throughput, grading) in beds {
+        let mut bed = pressed(contact.clone(), copies, part, grading);
         bed.throughput = throughput;
         let mut run = Run::new(on, bed);
         run.steps(3);
         let mut other = Run::resume(&CPU, run.c.clone(), run.state());
         one_step_agrees(
             on,
-            &format!("{copies} copies pressed to {part}, throughput {throughput}"),
+            &format!(
+                "{copies} copies pressed to {part}, throughput {throughput}, wide {}",
+                grading == Grading::Wide
+            ),
             copies,
             &mut run,
             &mut other,

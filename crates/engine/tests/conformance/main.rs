@@ -20,6 +20,7 @@ mod fields;
 mod floor;
 mod frames;
 mod friction;
+mod grades;
 mod guards;
 mod laws;
 mod leaving;
@@ -189,6 +190,9 @@ macro_rules! agreement_suite {
                 agreement::short_trajectories_equal_the_reference,
                 agreement::trajectories_with_rolling_springs_equal_the_reference,
                 agreement::crowds_step_as_on_the_cpu,
+                grades::wide_gradings_step_as_on_the_cpu,
+                grades::graded_worlds_equal_themselves_in_a_batch,
+                grades::gradings_feel_all_pairs,
                 precision::forces_of_a_packing_at_50_pa_equal_the_reference,
                 deforming::deforming_trajectories_equal_the_reference,
                 bits::threads_change_no_bit,

@@ -3,7 +3,8 @@
 //! A block owns some particles, see [`Signature::owners`]. Its units first look which candidates of their lists are
 //! near, then share the near ones out evenly, however many each particle has; then every owner sums its contacts
 //! in the order of its list. So no lane waits for a particle with more contacts, small worlds have enough units
-//! under way, and sums do not depend on who computed what.
+//! under way, and sums do not depend on who computed what. Where sizes differ much, lists do as well: units are then dealt
+//! out to stretches of lists, and each adds up the contacts of its own first.
 
 use cubecl::prelude::*;
 use glebe_physics::Slot;
@@ -24,7 +25,7 @@ const CHUNK: u32 = 32;
 const AHEAD: u32 = 4;
 /// Added to the count of an owner whose list is longer than what was looked at so far.
 const LONGER: u32 = 0x1_0000;
-/// Owners whose counts one unit adds up.
+/// Counts that one unit adds up.
 const STRIDE: u32 = 16;
 /// Columns of the sums over a block at the end of a step.
 pub const COLUMNS: u32 = 10;
@@ -44,11 +45,12 @@ pub struct Desk {
     from: SharedMemory<u32>,
     /// Candidates left in it.
     many: SharedMemory<u32>,
-    /// Which candidates are near, by unit; then owner and place in the list of each contact.
+    /// Owner and stretch that each unit looks at, or which candidates are near, by unit; then owner and place in the list
+    /// of each contact.
     names: SharedMemory<u32>,
-    /// Near candidates of each owner.
+    /// Stretches of each owner's list; near candidates of each looker; where the sum of its contacts is.
     counts: SharedMemory<u32>,
-    /// Sums over [`STRIDE`] owners; then the contacts in the table.
+    /// Sums over [`STRIDE`] counts; then the contacts in the table, and the lookers that have theirs there.
     totals: SharedMemory<u32>,
     /// What contacts hand to their owners, in columns; then the sums over the block.
     pub table: SharedMemory<f32>,
@@ -84,24 +86,39 @@ fn room(s: Signature, purpose: Purpose) -> u32 {
     (TABLE / (columns(s, purpose) * s.shape.units * 4)).clamp(1, ROUNDS) * s.shape.units
 }
 
+/// Those who look at candidates on their own account: units where they are dealt out to lists, else owners, whose units
+/// look for them.
+fn lookers(s: Signature) -> u32 {
+    if s.graded { s.shape.units } else { s.shape.owners }
+}
+
 /// Takes the memory.
 #[cube]
 pub fn desk(#[comptime] s: Signature, #[comptime] purpose: Purpose) -> Desk {
     let shape = comptime!(s.shape);
     let room = comptime!(room(s, purpose));
+    let lookers = comptime!(lookers(s));
     Desk {
         who: SharedMemory::<u32>::new(comptime!(shape.owners as usize)),
         rows: SharedMemory::<u32>::new(comptime!(shape.owners as usize)),
         from: SharedMemory::<u32>::new(comptime!(shape.owners as usize)),
         many: SharedMemory::<u32>::new(comptime!(shape.owners as usize)),
         names: SharedMemory::<u32>::new(comptime!(room as usize)),
-        counts: SharedMemory::<u32>::new(comptime!(shape.owners as usize)),
-        totals: SharedMemory::<u32>::new(comptime!((shape.owners / STRIDE + 1) as usize)),
+        counts: SharedMemory::<u32>::new(comptime!(lookers as usize)),
+        totals: SharedMemory::<u32>::new(comptime!((lookers / STRIDE + 2) as usize)),
         table: SharedMemory::<f32>::new(comptime!(
             (columns(s, purpose) * room).max(COLUMNS * shape.units) as usize
         )),
         owned: SharedMemory::<f32>::new(comptime!((columns(s, purpose) * shape.owners) as usize)),
     }
+}
+
+/// The place of a block's unit among those of so many blocks. Where the largest particles come first, and have the most
+/// contacts, an eighth of the units take one each of those, so that no block has many.
+#[cube]
+fn dealt(block: u32, unit: u32, blocks: u32, #[comptime] units: u32) -> u32 {
+    let single = comptime!(units / 8);
+    select(unit < single, unit * blocks + block, single * blocks + block * (units - single) + unit - single)
 }
 
 /// Gives each owner its particle: `block` has `owners` of them from the particle or, behind `padded`, the row of that
@@ -124,22 +141,39 @@ pub fn seat(
     if UNIT_POS < comptime!(s.shape.owners) {
         let c = w * world::WORDS;
         let st = w * status::WORDS;
-        let slot = block * comptime!(s.shape.owners) + UNIT_POS;
+        let owners = comptime!(s.shape.owners);
+        let first = worlds[(c + world::FIRST) as usize];
+        let count = states[(st + status::COUNT) as usize];
+        let slot = block * owners + UNIT_POS;
         let mut i = slot;
+        let mut there = slot - first < count;
+        if comptime!(s.graded) {
+            let (at, blocks) = (block - first / owners, (count + owners - 1u32) / owners);
+            let place = dealt(at, UNIT_POS, blocks, owners);
+            i = first + place;
+            there = at < blocks && place < count;
+        }
         let mut row = NONE.runtime();
-        let mut there = slot - worlds[(c + world::FIRST) as usize] < states[(st + status::COUNT) as usize];
         if comptime!(s.near_blocks()) {
             // Particles near surfaces have blocks of their own behind the others, so that no block waits for
             // units that look at triangles unless it must.
             if slot < padded {
                 if there {
-                    there = rows[(which * padded + slot) as usize] == NONE;
+                    there = rows[(which * padded + i) as usize] == NONE;
                 }
             } else {
                 let near = comptime!(s.shape.near);
-                row = (block - padded / comptime!(s.shape.owners)) * near + UNIT_POS;
-                there = UNIT_POS < near
-                    && row - worlds[(c + world::ROWS) as usize] < states[(st + status::ROWS) as usize];
+                let first_row = worlds[(c + world::ROWS) as usize];
+                let in_use = states[(st + status::ROWS) as usize];
+                let at = block - padded / owners;
+                row = at * near + UNIT_POS;
+                there = UNIT_POS < near && row - first_row < in_use;
+                if comptime!(s.graded) {
+                    let (mine, blocks) = (at - first_row / near, (in_use + near - 1u32) / near);
+                    let place = dealt(mine, UNIT_POS, blocks, near);
+                    row = first_row + place;
+                    there = UNIT_POS < near && mine < blocks && place < in_use;
+                }
                 if there {
                     i = rows[(2u32 * padded + 3u32 * (which * row_room + row) + 2u32) as usize];
                 }
@@ -161,12 +195,75 @@ pub fn seat(
     sync_cube();
 }
 
-/// Which of the next candidates of owner `o` are near: bits of every `groups`th one. Contacts that are no longer near are
-/// forgotten.
+/// The owner and stretch of a list that this unit looks at, and how many do. Units are dealt out in the order of owners, one
+/// to each stretch of `look` candidates.
+#[derive(CubeType, Clone, Copy)]
+struct Deal {
+    owner: u32,
+    stretch: u32,
+    /// Whether this unit looks at anything.
+    busy: bool,
+    /// The first unit that looks at the list of the owner that this unit is, and how many do.
+    first: u32,
+    count: u32,
+    /// Whether lists are longer than what all units look at.
+    more: bool,
+}
+
+#[cube]
+fn deal(desk: &mut Desk, #[comptime] look: u32, #[comptime] s: Signature) -> Deal {
+    let owners = comptime!(s.shape.owners);
+    let units = comptime!(s.shape.units);
+    let mut count = 0u32;
+    if UNIT_POS < owners {
+        count = (desk.many[UNIT_POS as usize] + look - 1u32) / look;
+        desk.counts[UNIT_POS as usize] = count;
+    }
+    let total = summed(desk, owners);
+    let mut first = 0u32;
+    if UNIT_POS < owners {
+        first = before(desk, owners);
+        count = min(first + count, units) - min(first, units);
+        for k in 0..count {
+            desk.names[(first + k) as usize] = UNIT_POS | (k << 8u32);
+        }
+    }
+    sync_cube();
+    let busy = UNIT_POS < total;
+    let name = select(busy, desk.names[UNIT_POS as usize], 0u32);
+    sync_cube();
+    Deal { owner: name & 0xffu32, stretch: name >> 8u32, busy, first, count, more: total > units }
+}
+
+/// The sum of the counts of so many.
+#[cube]
+fn summed(desk: &mut Desk, #[comptime] many: u32) -> u32 {
+    sync_cube();
+    if UNIT_POS < comptime!(many / STRIDE) {
+        let mut n = 0u32;
+        #[unroll]
+        for q in 0..STRIDE {
+            n += desk.counts[(UNIT_POS * STRIDE + q) as usize];
+        }
+        desk.totals[UNIT_POS as usize] = n;
+    }
+    sync_cube();
+    let mut total = 0u32;
+    #[unroll]
+    for q in 0..comptime!(many / STRIDE) {
+        total += desk.totals[q as usize];
+    }
+    total
+}
+
+/// Which of the next `many` candidates of owner `o` are near, at most [`CHUNK`]: bits of those that this unit looks at, all
+/// where units are dealt out, else every `groups`th one. Contacts that are no longer near are forgotten.
 #[cube]
 fn near(
     desk: &Desk,
     o: u32,
+    from: u32,
+    many: u32,
     half: u32,
     c: u32,
     cell: u32,
@@ -176,13 +273,12 @@ fn near(
     #[comptime] s: Signature,
     #[comptime] purpose: Purpose,
 ) -> u32 {
-    let groups = comptime!(s.shape.units / s.shape.owners);
+    let groups = comptime!(if s.graded { 1 } else { s.shape.units / s.shape.owners });
     let ahead = comptime!(if groups == 1 { AHEAD } else { AHEAD / 2 });
     let mut bits = 0u32;
     let mut gone = 0u32;
-    let mut q = UNIT_POS / comptime!(s.shape.owners);
-    let end = min(desk.many[o as usize], CHUNK);
-    let from = desk.from[o as usize];
+    let mut q = if comptime!(s.graded) { 0u32.runtime() } else { UNIT_POS / comptime!(s.shape.owners) };
+    let end = min(many, CHUNK);
     if q < end {
         let here = place[(half + desk.who[o as usize]) as usize];
         let reach_i = (f32::reinterpret(here[3]) + float_at(worlds, c + world::RANGE)) * 1.000_001f32;
@@ -221,14 +317,14 @@ fn near(
     bits
 }
 
-/// The exclusive sum of the counts of the owners before this unit.
+/// The exclusive sum of the counts before this unit's.
 // Written out: nvcc takes far more registers for the whole kernel where it unrolls such loops itself.
 #[cube]
-fn before(desk: &Desk, #[comptime] owners: u32) -> u32 {
+fn before(desk: &Desk, #[comptime] many: u32) -> u32 {
     let mut sum = 0u32;
     let stride = UNIT_POS / STRIDE;
     #[unroll]
-    for k in 0..comptime!(owners / STRIDE) {
+    for k in 0..comptime!(many / STRIDE) {
         sum += select(k < stride, desk.totals[k as usize], 0u32);
     }
     #[unroll]
@@ -246,8 +342,27 @@ fn hand(desk: &mut Desk, row: u32, x: V3, #[comptime] column: u32, #[comptime] r
     desk.table[((column + 2u32) * room + row) as usize] = x.z;
 }
 
+/// Puts the sum of the rows from `first` to `last` into the first, in the three columns from `column` on.
+#[cube]
+fn gather(desk: &mut Desk, first: u32, last: u32, #[comptime] column: u32, #[comptime] room: u32) {
+    if first < last {
+        let mut x = 0.0f32;
+        let mut y = 0.0f32;
+        let mut z = 0.0f32;
+        let mut row = first;
+        while row < last {
+            let at = column * room + row;
+            x += desk.table[at as usize];
+            y += desk.table[(room + at) as usize];
+            z += desk.table[(2u32 * room + at) as usize];
+            row += 1u32;
+        }
+        hand(desk, first, V3 { x, y, z }, column, room);
+    }
+}
+
 /// Adds the rows from `first` to `last`, and row `extra` if that is not `NONE`, to the owner's sums in the three columns
-/// from `column` on.
+/// from `column` on; where rows are `counted`, those that the counts from `first` to `last` name, `NONE` among them.
 // The sums are kept in shared memory and the loop is one that compilers cannot count: nvcc would unroll it, and both
 // would take so many registers that fewer blocks run.
 #[cube]
@@ -259,17 +374,35 @@ fn add_up(
     #[comptime] column: u32,
     #[comptime] room: u32,
     #[comptime] owners: u32,
+    #[comptime] counted: bool,
 ) {
     let mut x = 0.0f32;
     let mut y = 0.0f32;
     let mut z = 0.0f32;
-    let mut row = select(first < last, first, extra);
-    while row != NONE {
-        let at = column * room + row;
-        x += desk.table[at as usize];
-        y += desk.table[(room + at) as usize];
-        z += desk.table[(2u32 * room + at) as usize];
-        row = select(row + 1u32 < last, row + 1u32, select(row == extra, NONE, extra));
+    if comptime!(counted) {
+        let mut next = first;
+        while next <= last {
+            let mut row = extra;
+            if next < last {
+                row = desk.counts[next as usize];
+            }
+            if row != NONE {
+                let at = column * room + row;
+                x += desk.table[at as usize];
+                y += desk.table[(room + at) as usize];
+                z += desk.table[(2u32 * room + at) as usize];
+            }
+            next += 1u32;
+        }
+    } else {
+        let mut row = select(first < last, first, extra);
+        while row != NONE {
+            let at = column * room + row;
+            x += desk.table[at as usize];
+            y += desk.table[(room + at) as usize];
+            z += desk.table[(2u32 * room + at) as usize];
+            row = select(row + 1u32 < last, row + 1u32, select(row == extra, NONE, extra));
+        }
     }
     let mine = column * owners + UNIT_POS;
     desk.owned[mine as usize] += x;
@@ -379,12 +512,34 @@ pub fn contacts_of(
             desk.owned[(q * owners + UNIT_POS) as usize] = 0.0f32;
         }
     }
-    let held_at = comptime!((s.shape.owners / STRIDE) as usize);
+    let lookers = comptime!(lookers(s));
+    // Candidates that a unit looks at where they are dealt out.
+    let look = comptime!(CHUNK * s.shape.owners / s.shape.units);
+    let held_at = comptime!((lookers / STRIDE) as usize);
     let mut first_round = true;
     let mut more = true;
     while more {
-        let mut left = near(desk, UNIT_POS % owners, half, c, cell, worlds, place, nbr, s, purpose);
-        if comptime!(s.shape.units > s.shape.owners) {
+        let mut o = UNIT_POS % owners;
+        let mut skipped = 0u32;
+        let mut many = 0u32;
+        let mut longer = false;
+        // The first of the units that look at what this owner has, and how many do.
+        let mut first_looker = 0u32;
+        let mut own_lookers = 0u32;
+        if comptime!(s.graded) {
+            let d = deal(desk, look, s);
+            o = d.owner;
+            skipped = d.stretch * look;
+            many = select(d.busy, min(desk.many[o as usize] - skipped, look), 0u32);
+            longer = d.more;
+            first_looker = d.first;
+            own_lookers = d.count;
+        } else {
+            many = desk.many[o as usize];
+        }
+        let from = desk.from[o as usize] + skipped * SLICE;
+        let mut left = near(desk, o, from, many, half, c, cell, worlds, place, nbr, s, purpose);
+        if comptime!(s.shape.units > s.shape.owners && !s.graded) {
             desk.names[UNIT_POS as usize] = left;
             sync_cube();
             left = 0u32;
@@ -395,45 +550,33 @@ pub fn contacts_of(
             }
         }
         let number = left.count_ones();
-        if UNIT_POS < owners {
-            desk.counts[UNIT_POS as usize] =
-                number + select(desk.many[UNIT_POS as usize] > CHUNK, LONGER, 0u32);
+        if UNIT_POS < lookers {
+            desk.counts[UNIT_POS as usize] = number + select(many > CHUNK, LONGER, 0u32);
         }
-        sync_cube();
-        if UNIT_POS < comptime!(s.shape.owners / STRIDE) {
-            let mut n = 0u32;
-            #[unroll]
-            for q in 0..STRIDE {
-                n += desk.counts[(UNIT_POS * STRIDE + q) as usize];
-            }
-            desk.totals[UNIT_POS as usize] = n;
-        }
-        sync_cube();
-        let mut total = 0u32;
-        #[unroll]
-        for q in 0..comptime!(s.shape.owners / STRIDE) {
-            total += desk.totals[q as usize];
-        }
-        more = total >= LONGER || total > free;
-        // Owners whose contacts do not fit into the table any more wait for the next round.
+        let total = summed(desk, lookers);
+        more = total >= LONGER || total > free || longer;
+        // Those whose contacts do not fit into the table any more wait for the next round.
         let mut first = 0u32;
         let mut served = false;
-        if UNIT_POS < owners {
-            first = before(desk, owners);
+        if UNIT_POS < lookers {
+            first = before(desk, lookers);
             served = first + number <= free;
             if served {
                 let mut after = LONGER.runtime();
-                if UNIT_POS + 1u32 < owners {
+                if UNIT_POS + 1u32 < lookers {
                     after = desk.counts[(UNIT_POS + 1u32) as usize] % LONGER;
                 }
                 if first + number + after > free {
                     desk.totals[held_at] = first + number;
+                    if comptime!(s.graded) {
+                        desk.totals[comptime!(held_at + 1)] = UNIT_POS + 1u32;
+                    }
                 }
                 let mut at = first;
                 while left != 0u32 {
                     let q = left.find_first_set() - 1u32;
                     left &= left - 1u32;
-                    desk.names[at as usize] = UNIT_POS | (q << 8u32);
+                    desk.names[at as usize] = o | ((skipped + q) << 8u32);
                     at += 1u32;
                 }
             }
@@ -681,21 +824,35 @@ pub fn contacts_of(
             }
         }
         sync_cube();
+        let mut shown = first;
+        let mut last = select(served, first + number, 0u32);
+        let mut done = select(served, CHUNK, 0u32);
+        if comptime!(s.graded) {
+            // Each adds up what it looked at, and owners what those found who looked for them.
+            #[unroll]
+            for q in 0..comptime!(columns(s, purpose) / 3) {
+                gather(desk, first, last, 3u32 * q, room);
+            }
+            desk.counts[UNIT_POS as usize] = select(first < last, first, NONE);
+            sync_cube();
+            let ready = desk.totals[comptime!(held_at + 1)];
+            let ours = min(first_looker + own_lookers, ready) - min(first_looker, ready);
+            shown = first_looker;
+            last = first_looker + ours;
+            done = ours * look;
+        }
         if UNIT_POS < owners {
             // Owners that wait have nothing in the table yet, but perhaps a row of what surfaces do.
-            let last = select(served, first + number, 0u32);
             let mut extra = NONE.runtime();
             if near_block && first_round && UNIT_POS < near_owners {
                 extra = select(desk.who[UNIT_POS as usize] != NONE, free + UNIT_POS, NONE);
             }
             #[unroll]
             for q in 0..comptime!(columns(s, purpose) / 3) {
-                add_up(desk, first, last, extra, 3u32 * q, room, owners);
+                add_up(desk, shown, last, extra, 3u32 * q, room, owners, comptime!(s.graded));
             }
-            if served {
-                desk.from[UNIT_POS as usize] += CHUNK * SLICE;
-                desk.many[UNIT_POS as usize] -= min(desk.many[UNIT_POS as usize], CHUNK);
-            }
+            desk.from[UNIT_POS as usize] += done * SLICE;
+            desk.many[UNIT_POS as usize] -= min(desk.many[UNIT_POS as usize], done);
         }
         first_round = false;
         sync_cube();

@@ -16,7 +16,7 @@ use self::group::{first_rooms, with_newcomers};
 use super::choices::Choices;
 use super::device::{Buffer, Device, MOST_BLOCKS, Told};
 use super::layout::{BLOCK, MERGED, SUMS, Shape, Signature, pose, world};
-use super::tables::{Region, Rooms};
+use super::tables::{Region, Rooms, classes};
 use crate::backend::cpu::CpuFleet;
 use crate::backend::{Detail, Fleet, Job, Moment, PhaseTimes};
 use crate::failure::Failure;
@@ -126,6 +126,7 @@ fn signature(c: &Constants, fused: bool) -> Signature {
         sample: c.is_sample(),
         deforms: c.deforms(),
         orthogonal: c.lattice.orthogonal && !c.deforms(),
+        graded: classes(c).count() > 1,
         fused,
     }
 }

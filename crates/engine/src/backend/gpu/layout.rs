@@ -68,6 +68,8 @@ pub struct Signature {
     pub deforms: bool,
     /// Whether the cell is a box along the axes.
     pub orthogonal: bool,
+    /// Whether particles are of several size classes, see [`crate::classes`].
+    pub graded: bool,
     /// Whether the device's `fma` is fused.
     pub fused: bool,
 }
@@ -221,6 +223,10 @@ pub mod world {
     pub const REFERENCE: u32 = 75;
     /// Velocity gradient of the cell (9) \[1/s\].
     pub const GRADIENT: u32 = 76;
+    /// Size classes.
+    pub const GRADES: u32 = 85;
+    /// First cell of each class, counted from `CELLS`, and the end of the last.
+    pub const CLASSES: u32 = 86;
 }
 
 /// Words per unit of strain in `world::PATH`, and per mean radius in `pose::PATH`.
@@ -235,7 +241,7 @@ pub fn path_word(path: f64) -> u32 {
 /// Words of a world's state that only the rebuild's one-unit kernels and the host write.
 pub mod status {
     /// Words per world.
-    pub const WORDS: u32 = 16;
+    pub const WORDS: u32 = 40;
     /// Steps done of this job when the group of launches began.
     pub const BASE: u32 = 0;
     /// Steps asked for.
@@ -264,6 +270,8 @@ pub mod status {
     pub const ROWS: u32 = 14;
     /// Step of this job at the last rebuild, or `NONE`.
     pub const REBUILT: u32 = 15;
+    /// Cells per window along each axis, for each size class where there are several.
+    pub const GRIDS: u32 = 16;
 }
 
 /// Words of a world's state that many units write.

@@ -22,6 +22,8 @@ const REBUILT_SOON: u32 = 12;
 const NARROWER: f32 = 0.97;
 /// Share that rounding may take of a cell.
 const MARGIN: f32 = 1.0e-4;
+/// The same of a size class's grid, whose windows may have hundreds of cells.
+pub const SLACK: f32 = 2.0e-3;
 
 /// Ends a group of launches: counts its steps and decides which worlds rebuild. One unit per world.
 #[cube(launch_unchecked)]
@@ -31,6 +33,7 @@ pub fn begin(
     worlds: &Array<u32>,
     states: &mut Array<u32>,
     flags: &mut Array<Atomic<u32>>,
+    #[comptime] graded: bool,
 ) {
     let w = u32::cast_from(ABSOLUTE_POS);
     if w < count {
@@ -82,14 +85,66 @@ pub fn begin(
                 states[(s + status::CELLS + k) as usize] =
                     u32::cast_from(f32::clamp(cells, 1.0f32, 1.0e5f32));
             }
+            if comptime!(graded) {
+                let mut largest = float_at(worlds, c + world::RADIUS_MAX);
+                for class in 0..worlds[(c + world::GRADES) as usize] {
+                    let reach = 2.0f32 * largest + float_at(worlds, c + world::RANGE) + wanted;
+                    #[unroll]
+                    for k in 0..3u32 {
+                        let height = float_at(worlds, cell + world::HEIGHT + k);
+                        let cells = f32::floor(height / (reach * (1.0f32 + SLACK)));
+                        states[(s + status::GRIDS + 3u32 * class + k) as usize] =
+                            u32::cast_from(f32::clamp(cells, 1.0f32, 1.0e5f32));
+                    }
+                    largest *= 0.5f32;
+                }
+            }
         }
     }
 }
 
 /// Whether the world of this block is being rebuilt.
 #[cube]
-fn rebuilding(states: &Array<u32>, w: u32) -> bool {
+pub fn rebuilding(states: &Array<u32>, w: u32) -> bool {
     states[(w * status::WORDS + status::REBUILDING) as usize] == 1u32
+}
+
+/// Which grid of a world: that of all its particles, or that of a size class.
+#[derive(CubeType, Clone, Copy)]
+pub struct Part {
+    /// Word of the states with its cells per window.
+    pub cells: u32,
+    /// First place in the table of cells.
+    pub first: u32,
+    /// Places.
+    pub room: u32,
+}
+
+#[cube]
+pub fn part(worlds: &Array<u32>, w: u32, class: u32, #[comptime] graded: bool) -> Part {
+    let c = w * world::WORDS;
+    let s = w * status::WORDS;
+    let first = worlds[(c + world::CELLS) as usize];
+    if comptime!(graded) {
+        let from = worlds[(c + world::CLASSES + class) as usize];
+        let to = worlds[(c + world::CLASSES + class + 1u32) as usize];
+        Part { cells: s + status::GRIDS + 3u32 * class, first: first + from, room: to - from }
+    } else {
+        Part { cells: s + status::CELLS, first, room: worlds[(c + world::CELL_ROOM) as usize] }
+    }
+}
+
+/// The size class of a radius.
+#[cube]
+fn class_of(worlds: &Array<u32>, w: u32, r: f32) -> u32 {
+    let c = w * world::WORDS;
+    let mut class = 0u32;
+    let mut largest = float_at(worlds, c + world::RADIUS_MAX);
+    for _ in 1..worlds[(c + world::GRADES) as usize] {
+        largest *= 0.5f32;
+        class += select(r <= largest, 1u32, 0u32);
+    }
+    class
 }
 
 /// Cell of a window's fraction.
@@ -101,8 +156,8 @@ fn within(lo: u32, cells: u32) -> u32 {
 
 /// Cell along an axis; open axes end at the domain's last cell.
 #[cube]
-fn cell_of(worlds: &Array<u32>, states: &Array<u32>, w: u32, hi: u32, lo: u32, k: u32) -> u32 {
-    let cells = states[(w * status::WORDS + status::CELLS + k) as usize];
+pub fn cell_of(worlds: &Array<u32>, states: &Array<u32>, w: u32, hi: u32, lo: u32, k: u32, p: Part) -> u32 {
+    let cells = states[(p.cells + k) as usize];
     let windows = worlds[(w * world::WORDS + world::WINDOWS + k) as usize];
     let h = i32::cast_from(hi);
     let top = i32::cast_from(windows) - 1i32;
@@ -114,13 +169,12 @@ fn cell_of(worlds: &Array<u32>, states: &Array<u32>, w: u32, hi: u32, lo: u32, k
 
 /// Place of a cell in the world's table; where there are more cells than places they share them.
 #[cube]
-fn bin_of(worlds: &Array<u32>, states: &Array<u32>, w: u32, x: u32, y: u32, z: u32) -> u32 {
+pub fn bin_of(worlds: &Array<u32>, states: &Array<u32>, w: u32, x: u32, y: u32, z: u32, p: Part) -> u32 {
     let c = w * world::WORDS;
-    let s = w * status::WORDS + status::CELLS;
+    let s = p.cells;
     let nx = states[s as usize] * worlds[(c + world::WINDOWS) as usize];
     let ny = states[(s + 1u32) as usize] * worlds[(c + world::WINDOWS + 1u32) as usize];
-    let room = worlds[(c + world::CELL_ROOM) as usize];
-    worlds[(c + world::CELLS) as usize] + ((z * ny + y) * nx + x) % room
+    p.first + ((z * ny + y) * nx + x) % p.room
 }
 
 /// Where a particle is in the configuration that lists are made of.
@@ -157,6 +211,7 @@ pub fn bin(
     refs: &Array<U4>,
     bins: &mut Array<u32>,
     counters: &mut Array<Atomic<u32>>,
+    #[comptime] graded: bool,
 ) {
     let w = world_of[CUBE_POS];
     if rebuilding(states, w) {
@@ -185,10 +240,13 @@ pub fn bin(
                     flags[(w * flag::WORDS + flag::HALT) as usize].fetch_max(halt::LEFT);
                 }
             }
-            let x = cell_of(worlds, states, w, hi[0], lo[0], 0u32);
-            let y = cell_of(worlds, states, w, hi[1], lo[1], 1u32);
-            let z = cell_of(worlds, states, w, hi[2], lo[2], 2u32);
-            let b = bin_of(worlds, states, w, x, y, z);
+            let class =
+                if comptime!(graded) { class_of(worlds, w, f32::reinterpret(lo[3])) } else { 0u32.runtime() };
+            let p = part(worlds, w, class, graded);
+            let x = cell_of(worlds, states, w, hi[0], lo[0], 0u32, p);
+            let y = cell_of(worlds, states, w, hi[1], lo[1], 1u32, p);
+            let z = cell_of(worlds, states, w, hi[2], lo[2], 2u32, p);
+            let b = bin_of(worlds, states, w, x, y, z, p);
             bins[i as usize] = b;
             counters[b as usize].fetch_add(1u32);
         }
@@ -339,30 +397,30 @@ fn beside(worlds: &Array<u32>, c: u32, lo_a: U4, hi_a: U4, lo_b: U4, hi_b: U4) -
 
 /// The world's grid as it is now.
 #[derive(CubeType, Clone, Copy)]
-struct Grid {
-    nx: u32,
-    ny: u32,
-    nz: u32,
-    px: bool,
-    py: bool,
-    pz: bool,
+pub struct Grid {
+    pub nx: u32,
+    pub ny: u32,
+    pub nz: u32,
+    pub px: bool,
+    pub py: bool,
+    pub pz: bool,
     /// Whether every cell has a place of its own.
-    plain: bool,
+    pub plain: bool,
     /// Whether a particle of a neighbouring cell that seems to be near is: windows of three cells tell, since what
     /// seems to be a window nearer than it is lies a cell away even so.
-    sure: bool,
+    pub sure: bool,
 }
 
 #[cube]
-fn grid_of(worlds: &Array<u32>, states: &Array<u32>, w: u32) -> Grid {
+pub fn grid_of(worlds: &Array<u32>, states: &Array<u32>, w: u32, p: Part) -> Grid {
     let c = w * world::WORDS;
-    let s = w * status::WORDS + status::CELLS;
+    let s = p.cells;
     let (x, y, z) = (states[s as usize], states[(s + 1u32) as usize], states[(s + 2u32) as usize]);
     let nx = x * worlds[(c + world::WINDOWS) as usize];
     let ny = y * worlds[(c + world::WINDOWS + 1u32) as usize];
     let nz = z * worlds[(c + world::WINDOWS + 2u32) as usize];
     let cells = f32::cast_from(nx) * f32::cast_from(ny) * f32::cast_from(nz);
-    let room = f32::cast_from(worlds[(c + world::CELL_ROOM) as usize]);
+    let room = f32::cast_from(p.room);
     Grid {
         nx,
         ny,
@@ -377,9 +435,9 @@ fn grid_of(worlds: &Array<u32>, states: &Array<u32>, w: u32) -> Grid {
 
 /// The ends of a list under way: neighbours that touch fill it from the front, the others from the back.
 #[derive(CubeType, Clone, Copy)]
-struct Ends {
-    front: u32,
-    back: u32,
+pub struct Ends {
+    pub front: u32,
+    pub back: u32,
 }
 
 /// Takes the neighbours of `i` among the particles from `begin` to `end`; where cells share places only those of the
@@ -387,7 +445,7 @@ struct Ends {
 // Three of them are decided when the kernel is expanded.
 #[allow(clippy::fn_params_excessive_bools)]
 #[cube]
-fn take(
+pub fn take(
     begin: u32,
     end: u32,
     x: u32,
@@ -403,6 +461,7 @@ fn take(
     refs: &Array<U4>,
     own: &Array<U4>,
     nbr: &mut Array<u32>,
+    p: Part,
     sure: bool,
     #[comptime] shared: bool,
     #[comptime] writes: bool,
@@ -431,9 +490,9 @@ fn take(
             let hi_j = refs[(2u32 * there + 1u32) as usize];
             listed = beside(worlds, c, lo, hi, lo_j, hi_j);
             if comptime!(shared) {
-                let here = cell_of(worlds, states, w, hi_j[0], lo_j[0], 0u32) == x
-                    && cell_of(worlds, states, w, hi_j[1], lo_j[1], 1u32) == y
-                    && cell_of(worlds, states, w, hi_j[2], lo_j[2], 2u32) == z;
+                let here = cell_of(worlds, states, w, hi_j[0], lo_j[0], 0u32, p) == x
+                    && cell_of(worlds, states, w, hi_j[1], lo_j[1], 1u32, p) == y
+                    && cell_of(worlds, states, w, hi_j[2], lo_j[2], 2u32, p) == z;
                 listed = listed && here;
             }
         }
@@ -474,10 +533,11 @@ fn neighbours(
     let base = worlds[(c + world::CELLS) as usize];
     // Places of particles are counted from the world's first.
     let shift = worlds[(c + world::FIRST) as usize] - starts[base as usize];
-    let cx = cell_of(worlds, states, w, hi[0], lo[0], 0u32);
-    let cy = cell_of(worlds, states, w, hi[1], lo[1], 1u32);
-    let cz = cell_of(worlds, states, w, hi[2], lo[2], 2u32);
-    let g = grid_of(worlds, states, w);
+    let p = part(worlds, w, 0u32, false);
+    let cx = cell_of(worlds, states, w, hi[0], lo[0], 0u32, p);
+    let cy = cell_of(worlds, states, w, hi[1], lo[1], 1u32, p);
+    let cz = cell_of(worlds, states, w, hi[2], lo[2], 2u32, p);
+    let g = grid_of(worlds, states, w, p);
     let inner = !g.px || (cx > 0u32 && cx + 1u32 < g.nx);
     let mut front = 0u32;
     let mut back = room;
@@ -507,6 +567,7 @@ fn neighbours(
                         refs,
                         own,
                         nbr,
+                        p,
                         g.sure,
                         false,
                         writes,
@@ -518,7 +579,7 @@ fn neighbours(
                     for d in 0..3u32 {
                         let x = stepped(cx, d, g.nx, g.px);
                         if x != NONE {
-                            let bin = bin_of(worlds, states, w, x, y, z);
+                            let bin = bin_of(worlds, states, w, x, y, z, p);
                             let begin = starts[bin as usize] + shift;
                             let end = starts[(bin + 1u32) as usize] + shift;
                             let e = take(
@@ -537,6 +598,7 @@ fn neighbours(
                                 refs,
                                 own,
                                 nbr,
+                                p,
                                 false,
                                 true,
                                 writes,
@@ -602,6 +664,26 @@ pub fn measure(
             width = max(width, counts[(UNIT_POS + k) as usize]);
         }
         widths[(i / SLICE) as usize] = width * SLICE;
+    }
+}
+
+/// Gives an entry what an old one remembers.
+#[cube]
+pub fn hand_over(
+    at: u32,
+    to: u32,
+    list_room: u32,
+    nbr: &mut Array<u32>,
+    hist: &mut Array<F4>,
+    #[comptime] quads: u32,
+) {
+    nbr[to as usize] = nbr[to as usize] | TOUCHING;
+    if comptime!(quads > 0) {
+        hist[to as usize] = hist[at as usize];
+    }
+    #[unroll]
+    for q in 1..quads {
+        hist[plane(list_room, to, q) as usize] = hist[plane(list_room, at, q) as usize];
     }
 }
 
@@ -676,15 +758,7 @@ pub fn fill(
                         let to = from + q * SLICE;
                         let candidate = nbr[to as usize];
                         if (candidate & PARTNER) == j {
-                            nbr[to as usize] = candidate | TOUCHING;
-                            if comptime!(quads > 0) {
-                                hist[to as usize] = hist[at as usize];
-                            }
-                            #[unroll]
-                            for q in 1..quads {
-                                hist[plane(list_room, to, q) as usize] =
-                                    hist[plane(list_room, at, q) as usize];
-                            }
+                            hand_over(at, to, list_room, nbr, hist, quads);
                             q = n;
                         } else {
                             q += 1u32;

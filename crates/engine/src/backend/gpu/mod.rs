@@ -19,6 +19,7 @@ mod fault;
 #[cfg(test)]
 mod faults;
 mod fleet;
+mod grades;
 mod launch;
 mod layout;
 mod lists;

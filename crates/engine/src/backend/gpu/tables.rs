@@ -3,6 +3,7 @@
 use super::choices::Choices;
 use super::layout::{BLOCK, IMAGE_ZERO, NONE, SLICE, boundary, path_word, pose, status, world};
 use crate::backend::common::{runaway_distance, strays};
+use crate::classes::{self, Classes};
 use crate::lattice::Lattice;
 use crate::setup::{BoundaryShape, Constants, SKIN_MIN};
 use crate::spec::Pose;
@@ -25,6 +26,8 @@ pub struct Rooms {
 pub struct Region {
     /// First particle.
     pub first: u32,
+    /// Particles that there is room for.
+    pub count: usize,
     /// Blocks of particles.
     pub blocks: u32,
     /// First cell.
@@ -44,11 +47,25 @@ pub struct Region {
 /// The cells that a world may come to need: as many as its finest grid has, but no more than follow from its
 /// particles.
 pub fn cell_room(c: &Constants, count: usize) -> u32 {
-    let reach = c.touch() + SKIN_MIN * c.radius_mean;
-    let cells: f64 = (0..3)
-        .map(|k| (c.lattice.height[k] / reach).floor().max(1.0) * f64::from(c.lattice.windows[k]))
-        .product();
-    (cells.min(4.0 * count as f64 + 1024.0) as u32).next_multiple_of(BLOCK)
+    cell_rooms(c, count).iter().sum()
+}
+
+/// The size classes of a world's particles.
+pub fn classes(c: &Constants) -> Classes {
+    Classes::of(c.radius_min, c.radius_max)
+}
+
+/// The cells of each size class.
+fn cell_rooms(c: &Constants, count: usize) -> Vec<u32> {
+    let classes = classes(c);
+    let room = |class| {
+        let reach = c.touch() - 2.0 * (c.radius_max - classes.radius(class)) + SKIN_MIN * c.radius_mean;
+        let cells: f64 = (0..3)
+            .map(|k| (c.lattice.height[k] / reach).floor().max(1.0) * f64::from(c.lattice.windows[k]))
+            .product();
+        (cells.min(4.0 * count as f64 + 1024.0) as u32).next_multiple_of(BLOCK)
+    };
+    (0..classes.count()).map(room).collect()
 }
 
 fn split(x: f64) -> [u32; 2] {
@@ -98,6 +115,12 @@ pub fn world_row(c: &Constants, r: &Region, series: u32) -> Vec<u32> {
     put(&mut w, world::RANGE, &[f(c.range), f(c.radius_mean), f(c.radius_max)]);
     put(&mut w, world::SERIES, &[series, c.spec.surfaces.len() as u32, r.first / SLICE]);
     put(&mut w, world::WRAP, &c.fall().map(f));
+    let mut first = 0;
+    for (class, room) in (0..).zip(cell_rooms(c, r.count)) {
+        first += room;
+        put(&mut w, world::GRADES, &[class + 1]);
+        put(&mut w, world::CLASSES + class + 1, &[first]);
+    }
     w
 }
 
@@ -325,4 +348,5 @@ pub fn status_row(g: &Progress, count: usize) -> Vec<u32> {
     s
 }
 
-const _: () = assert!(world::GRADIENT + 9 <= world::WORDS);
+const _: () = assert!(world::CLASSES + (classes::MOST as u32) < world::WORDS);
+const _: () = assert!(status::GRIDS + 3 * classes::MOST as u32 <= status::WORDS);

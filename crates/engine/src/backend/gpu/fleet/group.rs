@@ -64,6 +64,7 @@ impl Group {
             let count = *count;
             let region = Region {
                 first: padded,
+                count,
                 blocks: (count.max(1) as u32).div_ceil(BLOCK),
                 cells,
                 cell_room: cell_room(c, count),

@@ -7,7 +7,7 @@ use super::super::device::{Buffer, Device, grid};
 use super::super::launch::{Arguments, settings};
 use super::super::layout::{BLOCK, SLICE, SUMS};
 use super::super::step::Purpose;
-use super::super::{lists, rows, scan, step, sums};
+use super::super::{grades, lists, rows, scan, step, sums};
 use super::{Group, Report};
 
 impl Group {
@@ -262,6 +262,7 @@ impl Group {
                 self.b.worlds.arg(),
                 self.b.states.arg(),
                 self.b.flags.arg(),
+                self.signature.graded,
             );
         }
     }
@@ -273,6 +274,7 @@ impl Group {
         let dim = CubeDim::new_1d(BLOCK);
         let by_world = grid((worlds as usize).div_ceil(BLOCK as usize));
         let by_particle = || grid((n / BLOCK) as usize);
+        let by_slice = || grid((n / SLICE) as usize);
         let client = device.client();
         // SAFETY: kernels stay within the buffers, whose sizes follow from the same layout.
         #[allow(unsafe_code)]
@@ -291,6 +293,7 @@ impl Group {
                 b.refs.arg(),
                 b.bins.arg(),
                 b.counters.arg(),
+                self.signature.graded,
             );
             self.sum(device, self.cells, &b.counters, &b.starts);
             lists::scatter::launch_unchecked::<R>(
@@ -335,45 +338,89 @@ impl Group {
                 b.slow.arg(),
                 b.renamed.arg(),
             );
-            lists::measure::launch_unchecked::<R>(
-                client,
-                by_particle(),
-                dim,
-                n,
-                b.world_of.arg(),
-                b.worlds.arg(),
-                b.states.arg(),
-                b.starts.arg(),
-                b.refs.arg(),
-                b.own.arg(),
-                b.lists.arg(),
-                b.widths.arg(),
-                b.nbr.arg(),
-                self.signature.orthogonal,
-            );
+            if self.signature.graded {
+                grades::measure::launch_unchecked::<R>(
+                    client,
+                    by_slice(),
+                    dim,
+                    n,
+                    b.world_of.arg(),
+                    b.worlds.arg(),
+                    b.states.arg(),
+                    b.starts.arg(),
+                    b.refs.arg(),
+                    b.own.arg(),
+                    b.lists.arg(),
+                    b.widths.arg(),
+                    b.nbr.arg(),
+                    self.signature.orthogonal,
+                );
+            } else {
+                lists::measure::launch_unchecked::<R>(
+                    client,
+                    by_particle(),
+                    dim,
+                    n,
+                    b.world_of.arg(),
+                    b.worlds.arg(),
+                    b.states.arg(),
+                    b.starts.arg(),
+                    b.refs.arg(),
+                    b.own.arg(),
+                    b.lists.arg(),
+                    b.widths.arg(),
+                    b.nbr.arg(),
+                    self.signature.orthogonal,
+                );
+            }
             self.sum(device, n / SLICE, &b.widths, &b.width_starts);
-            lists::fill::launch_unchecked::<R>(
-                client,
-                by_particle(),
-                dim,
-                n,
-                self.rooms[0],
-                b.world_of.arg(),
-                b.worlds.arg(),
-                b.states.arg(),
-                b.flags.arg(),
-                b.starts.arg(),
-                b.refs.arg(),
-                b.own.arg(),
-                b.order.arg(),
-                b.renamed.arg(),
-                b.width_starts.arg(),
-                b.lists.arg(),
-                b.nbr.arg(),
-                b.hist.arg(),
-                self.signature.orthogonal,
-                self.signature.quads(),
-            );
+            if self.signature.graded {
+                grades::fill::launch_unchecked::<R>(
+                    client,
+                    by_slice(),
+                    dim,
+                    n,
+                    self.rooms[0],
+                    b.world_of.arg(),
+                    b.worlds.arg(),
+                    b.states.arg(),
+                    b.flags.arg(),
+                    b.starts.arg(),
+                    b.refs.arg(),
+                    b.own.arg(),
+                    b.order.arg(),
+                    b.renamed.arg(),
+                    b.width_starts.arg(),
+                    b.lists.arg(),
+                    b.nbr.arg(),
+                    b.hist.arg(),
+                    self.signature.orthogonal,
+                    self.signature.quads(),
+                );
+            } else {
+                lists::fill::launch_unchecked::<R>(
+                    client,
+                    by_particle(),
+                    dim,
+                    n,
+                    self.rooms[0],
+                    b.world_of.arg(),
+                    b.worlds.arg(),
+                    b.states.arg(),
+                    b.flags.arg(),
+                    b.starts.arg(),
+                    b.refs.arg(),
+                    b.own.arg(),
+                    b.order.arg(),
+                    b.renamed.arg(),
+                    b.width_starts.arg(),
+                    b.lists.arg(),
+                    b.nbr.arg(),
+                    b.hist.arg(),
+                    self.signature.orthogonal,
+                    self.signature.quads(),
+                );
+            }
             if self.signature.surfaces {
                 self.rebuild_rows(device);
             }
