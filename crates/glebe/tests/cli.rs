@@ -295,9 +295,18 @@ fn help_comes_with_examples_on_every_verb() {
 #[test]
 fn new_makes_scenes_that_check_and_overwrites_nothing() {
     let place = Place::new();
-    for template in
-        ["tillage", "drum", "silo", "conveyor", "deposition", "triaxial", "sweep", "rve", "calibration"]
-    {
+    for template in [
+        "tillage",
+        "drum",
+        "silo",
+        "conveyor",
+        "plate",
+        "deposition",
+        "triaxial",
+        "sweep",
+        "rve",
+        "calibration",
+    ] {
         for (quick, most) in [(false, 40_000), (true, 6_000)] {
             let name = format!("{template}{most}");
             let args = ["new", &name, "--template", template, "--quick"];

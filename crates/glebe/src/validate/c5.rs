@@ -76,6 +76,8 @@ pub(super) fn world(grains: usize, seed: usize, steps: u64) -> Result<WorldSpec,
         ..Stage::default()
     }];
     world.sampling.series = steps as f64 * dt;
+    // As in studies, which samples are for.
+    world.throughput = true;
     Ok(world)
 }
 
