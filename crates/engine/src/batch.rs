@@ -1,5 +1,6 @@
 //! Batches of worlds and their stages: the only thing that runs. A single simulation is a batch of one.
 
+use std::cell::{OnceCell, RefCell};
 use std::convert::Infallible;
 use std::sync::Arc;
 
@@ -106,12 +107,21 @@ pub struct Frame<'a> {
     pub constants: &'a Constants,
     /// Complete state.
     pub state: &'a State,
-    /// Coordination and forces on triangles.
-    pub detail: &'a Detail,
     /// Positions in the order of storage \[m\].
     pub positions: &'a [Vec3],
     /// Simulated time \[s\].
     pub time: f64,
+    world: usize,
+    fleet: RefCell<&'a mut dyn Fleet>,
+    detail: OnceCell<Detail>,
+}
+
+impl Frame<'_> {
+    /// Coordination, contacts and forces on triangles. Found when first asked for, on the host: of a world on a device this takes
+    /// far longer than all else in the frame.
+    pub fn detail(&self) -> &Detail {
+        self.detail.get_or_init(|| self.fleet.borrow_mut().detail(self.world, self.state))
+    }
 }
 
 /// Receives what worlds report. Every method may fail; the first error stops the batch's advance.
@@ -380,7 +390,6 @@ impl Batch {
             return Ok(());
         }
         let state = self.state(w);
-        let detail = self.fleet.detail(w, &state);
         if self.fails(w) {
             return Ok(());
         }
@@ -390,9 +399,11 @@ impl Batch {
         let seen = Frame {
             constants: &world.constants,
             state: &state,
-            detail: &detail,
             positions: &positions,
             time: world.time(),
+            world: w,
+            fleet: RefCell::new(self.fleet.as_mut()),
+            detail: OnceCell::new(),
         };
         if look {
             observer.look(w, &seen)?;

@@ -73,7 +73,7 @@ impl Fields {
     pub(super) fn look(&mut self, frame: &Frame<'_>) -> Result<(), OutputError> {
         let step = frame.state.progress.step;
         for r in self.all.iter_mut().filter(|r| r.looks(step)) {
-            r.field.look(frame.constants, frame.state, frame.positions, frame.detail);
+            r.field.look(frame.constants, frame.state, frame.positions, frame.detail());
             if step.is_multiple_of(r.every) {
                 write(&self.dir, r, frame.time)?;
                 r.field.clear();

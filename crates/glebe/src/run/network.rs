@@ -42,7 +42,7 @@ enum With {
 impl Network {
     /// Of a frame; contacts in the order of their particles' numbers, those with surfaces behind.
     pub(super) fn new(frame: &Frame<'_>) -> Self {
-        let (c, p, detail) = (frame.constants, &frame.state.particles, frame.detail);
+        let (c, p, detail) = (frame.constants, &frame.state.particles, frame.detail());
         let place: HashMap<u32, usize> = p.id.iter().enumerate().map(|(i, id)| (*id, i)).collect();
         let numbers = numbers(c);
         let mut contacts: Vec<Contact> = detail

@@ -109,7 +109,7 @@ impl Observer for Recorder {
             if g.surfaces[s].present {
                 let pose = g.surfaces[s].placed(c, s, g).pose;
                 let vertices: Vec<Vec3> = mesh.vertices.iter().map(|x| pose.apply(*x)).collect();
-                let pressure = pressures(mesh, &vertices, &frame.detail.on_triangles[s]);
+                let pressure = pressures(mesh, &vertices, &frame.detail().on_triangles[s]);
                 let depth = g.worn(c, s).map(|volumes| depths(mesh, &volumes));
                 meshes.push((1 + k, mesh, vertices, pressure, depth));
             }
@@ -172,7 +172,7 @@ impl ParticleColumns {
             velocity: p.velocity.iter().map(|x| x.v).collect(),
             spin: p.spin.iter().map(|x| x.w).collect(),
             force: p.force.clone(),
-            coordination: frame.detail.coordination.clone(),
+            coordination: frame.detail().coordination.clone(),
             bonds: frame.state.bonds_of(frame.constants),
         }
     }

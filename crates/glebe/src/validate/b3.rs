@@ -154,7 +154,7 @@ fn hold(worlds: Vec<(Arc<Constants>, State)>, trial: Trial<'_>) -> Result<Vec<(S
     let mut look = Look(|world: usize, frame: &Frame<'_>| {
         let forces = &mut forces[world];
         forces.fill(0.0);
-        for touch in &frame.detail.touches {
+        for touch in &frame.detail().touches {
             if let Some(force) = forces.get_mut(touch.id as usize)
                 && touch.branch[2] < -0.5 * RADIUS
             {

@@ -238,7 +238,7 @@ impl Seen {
         let section = Section::new(frame.positions, radius, length);
         let flies = |k: &usize| {
             let [column, row] = section.cell(frame.positions[*k][0], frame.positions[*k][2]);
-            frame.detail.coordination[*k] == 0 && section.columns[column][row] < 0.5 * BULK
+            frame.detail().coordination[*k] == 0 && section.columns[column][row] < 0.5 * BULK
         };
         self.flying.push((0..n).filter(flies).count() as f64 / n as f64);
         match &mut self.section {
