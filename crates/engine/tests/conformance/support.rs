@@ -262,18 +262,20 @@ pub fn choice(info: &LawInfo) -> LawChoice {
     required.fold(LawChoice::named(info.name), |c, p| c.with(p.name, p.typical))
 }
 
-/// Contact models with every registered law at least once, the other slots at rolling default.
-pub fn each_law() -> Vec<ContactModel> {
+/// Contact models with every registered law of a slot, the other slots at rolling default.
+pub fn each_law_of(slot: Slot) -> Vec<ContactModel> {
     let base = ContactModel { rolling: LawChoice::named("constant-torque"), ..ContactModel::default() };
-    let mut models = Vec::new();
-    for slot in SLOTS {
-        for info in laws(slot) {
-            let mut m = base.clone();
-            *slot_of(&mut m, slot) = choice(info);
-            models.push(m);
-        }
-    }
-    models
+    let with = |info| {
+        let mut m = base.clone();
+        *slot_of(&mut m, slot) = choice(info);
+        m
+    };
+    laws(slot).iter().map(with).collect()
+}
+
+/// The same of every slot.
+pub fn each_law() -> Vec<ContactModel> {
+    SLOTS.into_iter().flat_map(each_law_of).collect()
 }
 
 /// The same, but on a software device that nobody named only the laws whose kernels its compiler has time for.

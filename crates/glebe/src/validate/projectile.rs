@@ -3,17 +3,19 @@
 //! The engine's scenes have no ball that waits until a bed has settled, so the bed is made by a world of its own and
 //! the ball is put over it in another, which begins with the settled particles at rest. It is let go a little above
 //! the surface with the speed of its fall so far, and contacts of the bed have found their forces again before it
-//! arrives.
+//! arrives. A slow ball starts so low that a sphere which stands out of the surface may be where it starts: the bed is
+//! levelled there, such spheres are taken away.
 
 use std::f64::consts::PI;
 
 use glebe_engine::batch::{Frame, Status};
+use glebe_engine::lattice::{norm, sub};
 use glebe_engine::prepare;
 use glebe_engine::spec::{Vec3, WorldSpec};
 use glebe_report::{Axis, Plot, Series, Style};
 
 use super::case::CaseError;
-use super::trial::{Look, Trial, at_rest, mean, run_with, settled};
+use super::trial::{Look, Trial, at_rest, keep, mean, run_with, settled};
 
 /// Height above the surface from which a ball is computed \[m\].
 const ABOVE: f64 = 0.01;
@@ -78,13 +80,14 @@ impl Bed {
     pub fn hit(&self, balls: &[Ball], material: &str, trial: Trial<'_>) -> Result<Vec<Path>, CaseError> {
         let g = self.spec.gravity[2].abs();
         let worlds = balls.iter().map(|ball| self.with(ball, material, g)).collect::<Result<Vec<_>, _>>()?;
+        // The ball is the last.
+        let numbers: Vec<u32> = worlds.iter().map(|spec| spec.particles.len() as u32 - 1).collect();
         let worlds = worlds.into_iter().map(prepare).collect::<Result<Vec<_>, _>>()?;
-        let number = self.spec.particles.len() as u32;
         let mut paths = vec![Path::default(); balls.len()];
         let mut look = Look(|world: usize, frame: &Frame<'_>| {
             let particles = &frame.state.particles;
             // A ball that has left the box leaves its path shorter.
-            let Some(k) = particles.id.iter().position(|id| *id == number) else { return };
+            let Some(k) = particles.id.iter().position(|id| *id == numbers[world]) else { return };
             let (ball, path) = (&balls[world], &mut paths[world]);
             path.time.push(frame.time - approach(ball, g));
             path.depth.push(self.surface - (frame.positions[k][2] - ball.radius));
@@ -100,7 +103,9 @@ impl Bed {
     }
 
     fn with(&self, ball: &Ball, material: &str, g: f64) -> Result<WorldSpec, CaseError> {
-        let mut spec = self.spec.clone();
+        let centre = [0.0, 0.0, self.surface + above(ball, g) + ball.radius];
+        let in_the_way = |x: Vec3, radius: f64| norm(sub(x, centre)) < radius + ball.radius;
+        let mut spec = keep(self.spec.clone(), |x, radius| !in_the_way(x, radius));
         let named = spec.materials.iter().position(|m| m.name == material);
         let id = named.ok_or_else(|| CaseError::Scene(format!("no material `{material}`")))?;
         spec.materials[id].density = ball.density;
@@ -108,7 +113,6 @@ impl Bed {
             spec.materials.iter_mut().for_each(|m| m.rolling_friction = rolling);
         }
         let speed = (ball.speed * ball.speed - 2.0 * g * above(ball, g)).max(0.0).sqrt();
-        let centre = [0.0, 0.0, self.surface + above(ball, g) + ball.radius];
         spec.particles.push_moving(centre, ball.radius, id, [0.0, 0.0, -speed], [0.0; 3]);
         Ok(spec)
     }
