@@ -20,14 +20,15 @@ const SIZE: f64 = 0.030;
 enum Grading {
     /// R = 1 to 3 mm: one size class.
     Narrow,
-    /// R = 0.5 to 3 mm: several.
+    /// R = 0.8 to 3 mm: several. Smaller ones would have their centres between the ridges, where directions are no better
+    /// known than places.
     Wide,
 }
 
 /// 400 spheres, packed in a box that is periodic along x, pressed together by 2 %.
 fn packed(grading: Grading) -> &'static (Vec<f64>, Vec<Vec3>) {
     static PACKED: [OnceLock<(Vec<f64>, Vec<Vec3>)>; 2] = [const { OnceLock::new() }; 2];
-    let least = if grading == Grading::Narrow { 1.0 } else { 0.5 };
+    let least = if grading == Grading::Narrow { 1.0 } else { 0.8 };
     PACKED[grading as usize].get_or_init(|| {
         let mut r = Random(5);
         let radii: Vec<f64> = (0..400).map(|_| 1e-3 * (least + (3.0 - least) * r.unit())).collect();

@@ -9,6 +9,10 @@
 //!
 //! The paper's lines are from a program that drops contacts and never keeps the history of spheres: sign, shape and
 //! order are asked for, the numbers are reported beside them. Its line over density goes through 0.
+//!
+//! **In full size it fails** in restitution, and passes in the rest: over 100 values from 0 to 1 the force falls by 7.6 N
+//! (rank correlation -0.66, where -0.9 is asked for) from 166 N, within the scatter of a bed that settles otherwise each
+//! time; the paper's falls by 92 N. In soil that is pushed slowly friction takes the energy, and keeps its history here.
 
 use glebe_io::mesh::{StlFormat, write_stl};
 use glebe_io::study::Value;
