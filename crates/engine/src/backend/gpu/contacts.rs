@@ -121,6 +121,12 @@ fn dealt(block: u32, unit: u32, blocks: u32, #[comptime] units: u32) -> u32 {
     select(unit < single, unit * blocks + block, single * blocks + block * (units - single) + unit - single)
 }
 
+/// Where the list of a particle begins in a half of all lists.
+#[cube]
+pub fn list_of(i: u32, half: u32, padded: u32, list_room: u32, lists: &Array<u32>) -> u32 {
+    half * list_room + lists[(2u32 * padded + half * (padded / SLICE) + i / SLICE) as usize] + i % SLICE
+}
+
 /// Gives each owner its particle: `block` has `owners` of them from the particle or, behind `padded`, the row of that
 /// number on.
 #[cube]
@@ -183,9 +189,7 @@ pub fn seat(
         let mut from = 0u32;
         if there {
             many = lists[(which * padded + i) as usize];
-            from = which * list_room
-                + lists[(2u32 * padded + which * (padded / SLICE) + i / SLICE) as usize]
-                + i % SLICE;
+            from = list_of(i, which, padded, list_room, lists);
         }
         desk.who[UNIT_POS as usize] = select(there, i, NONE);
         desk.rows[UNIT_POS as usize] = select(there, row, NONE);

@@ -6,6 +6,7 @@
 
 use cubecl::prelude::*;
 
+use super::contacts::list_of;
 use super::layout::{
     BLOCK, F4, NONE, PARTNER, SLICE, TOUCHING, U4, cell_at, flag, float_at, halt, status, world,
 };
@@ -375,9 +376,7 @@ pub fn fill(
             if there {
                 let old = order[i as usize];
                 let old_n = lists[(old_half * padded + old) as usize];
-                let old_from = old_half * list_room
-                    + lists[(2u32 * padded + old_half * (padded / SLICE) + old / SLICE) as usize]
-                    + old % SLICE;
+                let old_from = list_of(old, old_half, padded, list_room, lists);
                 let mut k = lane;
                 while k < old_n {
                     let at = old_from + k * SLICE;

@@ -6,7 +6,7 @@
 
 use cubecl::prelude::*;
 
-use super::contacts::plane;
+use super::contacts::{list_of, plane};
 use super::layout::{
     BLOCK, F4, NONE, PARTNER, PERIOD, RELIST, SECOND, SLICE, TOUCHING, U4, cell_at, flag, float_at, halt,
     status, world,
@@ -745,9 +745,7 @@ pub fn fill(
             );
             let old = order[i as usize];
             let old_n = lists[(old_half * padded + old) as usize];
-            let old_from = old_half * list_room
-                + lists[(2u32 * padded + old_half * (padded / SLICE) + old / SLICE) as usize]
-                + old % SLICE;
+            let old_from = list_of(old, old_half, padded, list_room, lists);
             for k in 0..old_n {
                 let at = old_from + k * SLICE;
                 let entry = nbr[at as usize];

@@ -338,89 +338,54 @@ impl Group {
                 b.slow.arg(),
                 b.renamed.arg(),
             );
-            if self.signature.graded {
-                grades::measure::launch_unchecked::<R>(
-                    client,
-                    by_slice(),
-                    dim,
-                    n,
-                    b.world_of.arg(),
-                    b.worlds.arg(),
-                    b.states.arg(),
-                    b.starts.arg(),
-                    b.refs.arg(),
-                    b.own.arg(),
-                    b.lists.arg(),
-                    b.widths.arg(),
-                    b.nbr.arg(),
-                    self.signature.orthogonal,
-                );
+            let graded = self.signature.graded;
+            let measure = if graded {
+                grades::measure::launch_unchecked::<R>
             } else {
-                lists::measure::launch_unchecked::<R>(
-                    client,
-                    by_particle(),
-                    dim,
-                    n,
-                    b.world_of.arg(),
-                    b.worlds.arg(),
-                    b.states.arg(),
-                    b.starts.arg(),
-                    b.refs.arg(),
-                    b.own.arg(),
-                    b.lists.arg(),
-                    b.widths.arg(),
-                    b.nbr.arg(),
-                    self.signature.orthogonal,
-                );
-            }
+                lists::measure::launch_unchecked::<R>
+            };
+            let fill =
+                if graded { grades::fill::launch_unchecked::<R> } else { lists::fill::launch_unchecked::<R> };
+            let blocks = || if graded { by_slice() } else { by_particle() };
+            measure(
+                client,
+                blocks(),
+                dim,
+                n,
+                b.world_of.arg(),
+                b.worlds.arg(),
+                b.states.arg(),
+                b.starts.arg(),
+                b.refs.arg(),
+                b.own.arg(),
+                b.lists.arg(),
+                b.widths.arg(),
+                b.nbr.arg(),
+                self.signature.orthogonal,
+            );
             self.sum(device, n / SLICE, &b.widths, &b.width_starts);
-            if self.signature.graded {
-                grades::fill::launch_unchecked::<R>(
-                    client,
-                    by_slice(),
-                    dim,
-                    n,
-                    self.rooms[0],
-                    b.world_of.arg(),
-                    b.worlds.arg(),
-                    b.states.arg(),
-                    b.flags.arg(),
-                    b.starts.arg(),
-                    b.refs.arg(),
-                    b.own.arg(),
-                    b.order.arg(),
-                    b.renamed.arg(),
-                    b.width_starts.arg(),
-                    b.lists.arg(),
-                    b.nbr.arg(),
-                    b.hist.arg(),
-                    self.signature.orthogonal,
-                    self.signature.quads(),
-                );
-            } else {
-                lists::fill::launch_unchecked::<R>(
-                    client,
-                    by_particle(),
-                    dim,
-                    n,
-                    self.rooms[0],
-                    b.world_of.arg(),
-                    b.worlds.arg(),
-                    b.states.arg(),
-                    b.flags.arg(),
-                    b.starts.arg(),
-                    b.refs.arg(),
-                    b.own.arg(),
-                    b.order.arg(),
-                    b.renamed.arg(),
-                    b.width_starts.arg(),
-                    b.lists.arg(),
-                    b.nbr.arg(),
-                    b.hist.arg(),
-                    self.signature.orthogonal,
-                    self.signature.quads(),
-                );
-            }
+            fill(
+                client,
+                blocks(),
+                dim,
+                n,
+                self.rooms[0],
+                b.world_of.arg(),
+                b.worlds.arg(),
+                b.states.arg(),
+                b.flags.arg(),
+                b.starts.arg(),
+                b.refs.arg(),
+                b.own.arg(),
+                b.order.arg(),
+                b.renamed.arg(),
+                b.width_starts.arg(),
+                b.lists.arg(),
+                b.nbr.arg(),
+                b.hist.arg(),
+                self.signature.orthogonal,
+                self.signature.quads(),
+            );
             if self.signature.surfaces {
                 self.rebuild_rows(device);
             }
