@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use glebe_engine::lattice::{add, cross, dot, norm, scale, sub};
 use glebe_engine::spec::{Vec3, WorldSpec};
+use glebe_engine::state::State;
 use glebe_physics::{ContactModel, IntegratorKind, LawChoice, LawInfo, Slot, laws};
 
 use crate::support::{
@@ -75,34 +76,54 @@ by_slot! {
 }
 
 fn contacts_are_born_without_memory(on: &Subject, slot: Slot) {
+    /// Steps from look to look, a tenth of an impact.
+    const LOOK: u64 = 50;
     for contact in each_law_of(slot).into_iter().filter(has_spring) {
         let name = label(&contact);
         let bridges = contact.cohesion.law == "capillary";
         let mut run = Run::new(on, impacts(contact, 1.0));
-        let (mut on_floor, mut on_sphere, mut born) = (false, false, [0, 0]);
-        for _ in 0..2500 {
-            let before = run.bodies();
-            run.steps(1);
-            let state = run.state();
-            let floor = state.surface_contacts.iter().find(|m| m.id == 0);
-            let sphere = state.contacts.iter().find(|m| m.id == [1, 2]);
-            let stretch = |h: &[f32]| norm([h[0], h[1], h[2]].map(f64::from));
-            if let Some(m) = floor.filter(|_| !on_floor) {
-                let b = before[0];
-                let speed = sliding_speed([b.v, [0.0; 3]], [b.w, [0.0; 3]], [0.0, 0.0, -1.0], [b.x[2], 0.0]);
-                let most = speed * run.c.dt;
-                assert!(stretch(&m.history) <= most * (1.0 + BIRTH), "{name}: {:?}, not {most:e}", m.history);
-                born[0] += 1;
+        let mut born = [0, 0];
+        for _ in 0..2500 / LOOK {
+            let before = run.state();
+            run.steps(LOOK);
+            if !newborn(&before, &run.state()).contains(&true) {
+                continue;
             }
-            if let Some(m) = sphere.filter(|_| !on_sphere) {
-                let (a, b) = (before[1], before[2]);
-                let d = sub(b.x, a.x);
-                let speed = sliding_speed([a.v, b.v], [a.w, b.w], unit(d), [0.5 * norm(d); 2]);
-                let most = speed * run.c.dt;
-                assert!(stretch(&m.history) <= most * (1.0 + BIRTH), "{name}: {:?}, not {most:e}", m.history);
-                born[1] += 1;
+            // Back, and step by step to where it is born.
+            run.load(before);
+            for _ in 0..LOOK {
+                let (before, bodies) = (run.state(), run.bodies());
+                run.steps(1);
+                let state = run.state();
+                let is_new = newborn(&before, &state);
+                let stretch = |h: &[f32]| norm([h[0], h[1], h[2]].map(f64::from));
+                let floor = state.surface_contacts.iter().find(|m| m.id == 0);
+                if let Some(m) = floor.filter(|_| is_new[0]) {
+                    let b = bodies[0];
+                    let speed =
+                        sliding_speed([b.v, [0.0; 3]], [b.w, [0.0; 3]], [0.0, 0.0, -1.0], [b.x[2], 0.0]);
+                    let most = speed * run.c.dt;
+                    assert!(
+                        stretch(&m.history) <= most * (1.0 + BIRTH),
+                        "{name}: {:?}, not {most:e}",
+                        m.history
+                    );
+                    born[0] += 1;
+                }
+                let sphere = state.contacts.iter().find(|m| m.id == [1, 2]);
+                if let Some(m) = sphere.filter(|_| is_new[1]) {
+                    let (a, b) = (bodies[1], bodies[2]);
+                    let d = sub(b.x, a.x);
+                    let speed = sliding_speed([a.v, b.v], [a.w, b.w], unit(d), [0.5 * norm(d); 2]);
+                    let most = speed * run.c.dt;
+                    assert!(
+                        stretch(&m.history) <= most * (1.0 + BIRTH),
+                        "{name}: {:?}, not {most:e}",
+                        m.history
+                    );
+                    born[1] += 1;
+                }
             }
-            (on_floor, on_sphere) = (floor.is_some(), sphere.is_some());
         }
         // Bridges do not let go of what they have caught.
         assert!(
@@ -110,6 +131,14 @@ fn contacts_are_born_without_memory(on: &Subject, slot: Slot) {
             "{name}: {born:?} contacts were born"
         );
     }
+}
+
+/// Whether sphere 0 has come to touch the plane, and sphere 2 sphere 1.
+fn newborn(before: &State, now: &State) -> [bool; 2] {
+    let touch =
+        |s: &State| [s.surface_contacts.iter().any(|m| m.id == 0), s.contacts.iter().any(|m| m.id == [1, 2])];
+    let (was, is) = (touch(before), touch(now));
+    [0, 1].map(|k| is[k] && !was[k])
 }
 
 pub fn force_is_the_slope_of_energy(on: &Subject) {
@@ -184,10 +213,11 @@ fn dissipation_is_not_negative(on: &Subject, slot: Slot) {
     }
 }
 
-/// Two touching spheres, their spring stretched, turned once around as one rigid body about three axes:
-/// across the contact, along it (twist), and neither. Velocities are those that the integrator has there: of the same
+/// Two touching spheres, their spring stretched, turned as one rigid body, once around where a backend can afford it, about
+/// three axes: across the contact, along it (twist), and neither. Velocities are those that the integrator has there: of the same
 /// instant, or of the chord from the place before.
 fn contacts_that_turn_keep_their_force(on: &Subject, slot: Slot) {
+    /// Of a turn.
     const STEPS: u64 = 1000;
     let (dt, overlap) = (1e-5, 1e-2 * RADIUS);
     let rate = TAU / (STEPS as f64 * dt);
@@ -209,7 +239,7 @@ fn contacts_that_turn_keep_their_force(on: &Subject, slot: Slot) {
                 state.contacts[0].history[..4].copy_from_slice(&[0.0, 1e-5, 5e-6, 0.0]);
             });
             let mut first = [0.0; 3];
-            for step in 0..=STEPS {
+            for step in 0..=on.budget.turning {
                 let angle = TAU * step as f64 / STEPS as f64;
                 let x = turned([arm, 0.0, 0.0], axis, angle);
                 let half = 0.5 * rate * dt;

@@ -90,6 +90,8 @@ pub struct Budget {
     pub at_rest: u64,
     /// Of a gas of 64 spheres.
     pub gas: u64,
+    /// Of two spheres that turn about each other, set anew each step; a turn is 1000.
+    pub turning: u64,
     /// Of a world of the suite of bits, and how many spheres tumble in it.
     pub tumbling: u64,
     pub tumblers: u32,
@@ -121,7 +123,14 @@ pub const CPU: Subject = Subject {
     exact_reach: true,
     every_law: true,
     bounds: SINGLE,
-    budget: Budget { creep: 1_000_000, at_rest: 10_000, gas: 20_000, tumbling: 500, tumblers: 1500 },
+    budget: Budget {
+        creep: 1_000_000,
+        at_rest: 10_000,
+        gas: 20_000,
+        turning: 1000,
+        tumbling: 500,
+        tumblers: 1500,
+    },
 };
 
 /// f64, but for the states that are read from it; with itself it agrees.
@@ -147,7 +156,14 @@ pub const REFERENCE: Subject = Subject {
         balance: 1e-5,
         finest_impact: 1600.0,
     },
-    budget: Budget { creep: 1_000_000, at_rest: 2_000, gas: 10_000, tumbling: 100, tumblers: 200 },
+    budget: Budget {
+        creep: 1_000_000,
+        at_rest: 2_000,
+        gas: 10_000,
+        turning: 1000,
+        tumbling: 100,
+        tumblers: 200,
+    },
 };
 
 /// f32 throughout, distances in pairs of them; each particle sums its own side of a contact. The device named by
@@ -199,6 +215,7 @@ fn on_device(backend: Backend) -> Subject {
             creep: if named { 20_000 } else { 5_000 },
             at_rest: 1_000,
             gas: 4_000,
+            turning: 100,
             tumbling: 100,
             tumblers: 300,
         },
@@ -416,6 +433,11 @@ impl Run {
         let mut state = self.state();
         change(&self.c, &mut state);
         state.progress.stale = true;
+        self.load(state);
+    }
+
+    /// Goes on from a state.
+    pub fn load(&mut self, mut state: State) {
         self.fleet.load(0, &mut state);
         self.g = state.progress;
     }
