@@ -14,7 +14,7 @@ use crate::measure::Interior;
 use crate::setup::{Constants, prepare};
 use crate::spec::{Action, Pose, Until, Vec3, WorldSpec};
 use crate::speed::too_fast;
-use crate::state::{Bonds, Ledger, MeasureState, Progress, StageResult, State, draught};
+use crate::state::{Bonds, Ledger, MeasureState, Particles, Progress, StageResult, State, draught};
 use crate::survey::survey;
 
 /// Steps after which a stage that waits for a low kinetic energy may end though it was never above it.
@@ -124,6 +124,17 @@ impl Frame<'_> {
     }
 }
 
+/// The particles of a world at one moment.
+#[derive(Debug)]
+pub struct Glance<'a> {
+    /// Particles in the order of storage.
+    pub particles: &'a Particles,
+    /// Their positions \[m\].
+    pub positions: &'a [Vec3],
+    /// Simulated time \[s\].
+    pub time: f64,
+}
+
 /// Receives what worlds report. Every method may fail; the first error stops the batch's advance.
 pub trait Observer {
     /// The observer's error.
@@ -143,6 +154,14 @@ pub trait Observer {
     /// Whether the world shall be [shown](Self::look) with a sample that was just reported.
     fn wants_look(&self, _world: usize, _sample: &Sample) -> bool {
         false
+    }
+    /// Whether the particles of the world shall be [shown](Self::glance) with a sample that was just reported.
+    fn wants_glance(&self, _world: usize, _sample: &Sample) -> bool {
+        false
+    }
+    /// The particles of a world that were asked for. On a device this takes far less than a look.
+    fn glance(&mut self, _world: usize, _glance: &Glance<'_>) -> Result<(), Self::Error> {
+        Ok(())
     }
     /// A world that was asked for.
     fn look(&mut self, _world: usize, _frame: &Frame<'_>) -> Result<(), Self::Error> {
@@ -374,7 +393,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Reports a sample, and shows the world if a `frame` is due or it is asked for.
+    /// Reports a sample, and shows the world, or its particles, if a `frame` is due or they are asked for.
     fn report<O: Observer>(
         &mut self,
         w: usize,
@@ -383,6 +402,16 @@ impl Batch {
         observer: &mut O,
     ) -> Result<(), O::Error> {
         observer.sample(w, sample)?;
+        if observer.wants_glance(w, sample) {
+            let particles = self.fleet.particles(w, &self.worlds[w].progress);
+            if self.fails(w) {
+                return Ok(());
+            }
+            let world = &self.worlds[w];
+            let positions = decoded(&world.constants, &world.progress, &particles);
+            let time = world.time();
+            observer.glance(w, &Glance { particles: &particles, positions: &positions, time })?;
+        }
         let look = observer.wants_look(w, sample);
         let shown = frame && observer.wants_frames();
         if !look && !shown {
@@ -702,8 +731,11 @@ impl World {
 
 /// Positions of all particles in the order of storage \[m\].
 pub fn positions(c: &Constants, state: &State) -> Vec<Vec3> {
-    let p = &state.particles;
-    let lattice = c.lattice_now(&state.progress);
+    decoded(c, &state.progress, &state.particles)
+}
+
+fn decoded(c: &Constants, progress: &Progress, p: &Particles) -> Vec<Vec3> {
+    let lattice = c.lattice_now(progress);
     (0..p.len()).map(|i| lattice.decode(p.hi[i], p.place[i].lo, p.rest[i])).collect()
 }
 

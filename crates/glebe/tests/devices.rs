@@ -77,7 +77,7 @@ fn a_missing_driver_or_loader_is_told_with_what_to_install() {
 fn a_device_is_refused_before_particles_are_placed() {
     let place = scene();
     // Placing them would take minutes.
-    let crowd = ["--set", "particles.bed.count=9000000", "--set", "particles.bed.radius=1e-4"];
+    let crowd = ["--set", "particles.bed.count=2000000000", "--set", "particles.bed.radius=1e-4"];
     let began = Instant::now();
     for verb in ["run", "check"] {
         let on =
@@ -85,7 +85,7 @@ fn a_device_is_refused_before_particles_are_placed() {
         on("gpu:1000").expect(2).says(&["cannot be used", "What to do:"]);
         on("cuda:1000").expect(2).says(&["cannot be used", "What to do:"]);
         if has_adapter(&place) {
-            on("gpu:0").expect(2).says(&["9000000 particles", "more than the 8388352", "--device cpu"]);
+            on("gpu:0").expect(2).says(&["2000000000 particles", "more than the 1073741823", "--device cpu"]);
         }
     }
     assert!(began.elapsed() < Duration::from_secs(40), "{:?}", began.elapsed());

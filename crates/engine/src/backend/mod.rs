@@ -17,7 +17,7 @@ use crate::failure::Failure;
 use crate::measure::Tensors;
 use crate::setup::Constants;
 use crate::spec::Vec3;
-use crate::state::{Progress, State};
+use crate::state::{Particles, Progress, State};
 
 /// A device or a way to use one that is not there.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, thiserror::Error)]
@@ -61,6 +61,10 @@ pub trait Fleet: Send {
     fn detail(&mut self, world: usize, state: &State) -> Detail;
     /// The complete state of a world. A pure read: the run goes on as if it had not been taken.
     fn state(&self, world: usize, progress: &Progress) -> State;
+    /// The particles of its state, without what contacts remember.
+    fn particles(&self, world: usize, progress: &Progress) -> Particles {
+        self.state(world, progress).particles
+    }
     /// Replaces the state of a world.
     fn load(&mut self, world: usize, state: &mut State);
     /// Why the backend can no longer be trusted, as the failure of a world; what was read of it last may be wrong.

@@ -1,12 +1,13 @@
 //! Equal runs give equal bits.
 
+use std::convert::Infallible;
 use std::sync::Arc;
 
-use glebe_engine::batch::{Batch, Blind, Status};
+use glebe_engine::batch::{Batch, Blind, Frame, Glance, Observer, Sample, Status};
 use glebe_engine::lattice::{add, norm, sub};
 use glebe_engine::poses::{PoseTable, TimedPose};
-use glebe_engine::spec::{Action, Domain, Pose, Rotation, Side, Stage, Until, WorldSpec};
-use glebe_engine::state::State;
+use glebe_engine::spec::{Action, Domain, Pose, Rotation, Side, Stage, Until, Vec3, WorldSpec};
+use glebe_engine::state::{Particles, State};
 use glebe_engine::surface::quaternion;
 use glebe_physics::{ContactModel, IntegratorKind, LawChoice};
 
@@ -57,6 +58,47 @@ fn ran(on: &Subject, seed: u64) -> State {
     let mut run = Run::new(on, tumbling(count, seed));
     run.steps(steps);
     run.state()
+}
+
+/// Keeps the particles of every glance, with places and time, and holds looks against them.
+#[derive(Default)]
+struct Both {
+    glanced: Option<(Particles, Vec<Vec3>, f64)>,
+    compared: u32,
+}
+
+impl Observer for Both {
+    type Error = Infallible;
+    fn wants_glance(&self, _: usize, _: &Sample) -> bool {
+        true
+    }
+    fn wants_look(&self, _: usize, _: &Sample) -> bool {
+        true
+    }
+    fn glance(&mut self, _: usize, seen: &Glance<'_>) -> Result<(), Infallible> {
+        self.glanced = Some((seen.particles.clone(), seen.positions.to_vec(), seen.time));
+        Ok(())
+    }
+    fn look(&mut self, _: usize, frame: &Frame<'_>) -> Result<(), Infallible> {
+        let looked = (frame.state.particles.clone(), frame.positions.to_vec(), frame.time);
+        assert_eq!(self.glanced.take().unwrap(), looked);
+        self.compared += 1;
+        Ok(())
+    }
+}
+
+/// A glance shows the particles of the state as they are.
+pub fn a_glance_shows_the_particles(on: &Subject) {
+    let mut w = tumbling(on.budget.tumblers / 3, 4);
+    let dt = 4e-6;
+    w.stages[0].until = Until { at_most: Some(90.0 * dt), ..Until::default() };
+    w.sampling.series = 30.0 * dt;
+    let mut batch = Batch::new(vec![w], on.backend).map_err(|e| e.1).unwrap();
+    let mut both = Both::default();
+    while batch.running() {
+        let Ok(()) = batch.advance(&mut both);
+    }
+    assert_eq!((batch.status(0), both.compared), (&Status::Done, 4));
 }
 
 pub fn runs_repeat(on: &Subject) {

@@ -88,6 +88,7 @@ macro_rules! backend_suite {
                 energy::a_changing_stiffness_is_accounted,
                 energy::surfaces_account_for_momentum_and_work,
                 bits::runs_repeat,
+                bits::a_glance_shows_the_particles,
                 bits::a_world_alone_equals_itself_in_a_batch,
                 bits::a_world_that_waits_ends_as_if_it_had_not,
                 bits::a_checkpoint_goes_on,

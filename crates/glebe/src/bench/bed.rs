@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Blind, Status, positions};
 use glebe_engine::generate::{FillRequest, GenerateError, Region, generate, solid_volume};
-use glebe_engine::lattice::cross;
+use glebe_engine::lattice::{add, cross};
 use glebe_engine::spec::{Deformation, Domain, Drive, Side, Stage, Step, Time, Until, Vec3, WorldSpec};
 use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
@@ -47,6 +47,11 @@ const PRESSURE: f64 = 1e5;
 const INERTIAL: f64 = 1e-3;
 /// Most time that its consolidation takes \[s\].
 const CONSOLIDATE_MOST: f64 = 0.2;
+/// Particles from which on a settled mono bed is made of copies of a periodic packing and timed as it is: to make it in one
+/// piece and to let it settle would take hours.
+const VAST: usize = 8_000_000;
+/// Particles of the packing that is copied, at most.
+const COPIED: f64 = 2e5;
 /// Steps before timing: lists and caches warm up.
 pub const WARM_UP: u64 = 100;
 
@@ -124,8 +129,17 @@ impl Bed {
 
     /// Stages in which it is prepared.
     pub fn preparing(&self) -> usize {
-        // Soil settles, then the sweep enters.
-        if matches!(self.mode, Mode::Tilled(Tool::Sweep | Tool::FineSweep)) { 2 } else { 1 }
+        match self.mode {
+            // Soil settles, then the sweep enters.
+            Mode::Tilled(Tool::Sweep | Tool::FineSweep) => 2,
+            _ if self.is_vast() => 0,
+            _ => 1,
+        }
+    }
+
+    /// Whether it is made of copies and timed as it is.
+    fn is_vast(&self) -> bool {
+        self.mode == Mode::Settled && self.kind == BedKind::Mono && self.count >= VAST
     }
 
     /// Width of the box \[m\].
@@ -136,6 +150,7 @@ impl Bed {
     /// Where the spheres are at first \[m\].
     fn places(&self, radii: &[f64]) -> Result<Vec<Vec3>, BenchError> {
         let places = match self.mode {
+            Mode::Settled if self.is_vast() => copied(radii, Self::width(radii), COPIED),
             Mode::Settled => {
                 let width = Self::width(radii);
                 let region = Region::walled([0.0; 3], [width, width, HEADROOM * width]);
@@ -182,7 +197,7 @@ impl Bed {
                     BedKind::Peers => stage("settle", None, SETTLE_PEERS),
                     _ => stage("settle", Some(SETTLED * weight * 2e-3), SETTLE_MOST),
                 };
-                (domain, Vec::new(), [0.0; 3], vec![settle])
+                (domain, Vec::new(), [0.0; 3], if self.is_vast() { Vec::new() } else { vec![settle] })
             }
             Mode::Loaded => {
                 let domain =
@@ -271,6 +286,10 @@ impl Bed {
 
     /// The bed, prepared: from the folder `cache` if it is there, whatever made it, else made, and kept there.
     pub fn prepared(&self, cache: Option<&Path>, backend: Backend, ui: &Ui) -> Result<Prepared, BenchError> {
+        if self.is_vast() {
+            ui.note(&format!("the {self} is timed as it is made, of copies of a periodic packing"));
+            return Ok(Prepared { state: self.start()?.1, cached: false });
+        }
         let key = self.key()?;
         let path = cache.map(|folder| folder.join(format!("{key}.glebe")));
         if let Some(state) = path.as_deref().and_then(|path| checkpoint::kept(path, &key)) {
@@ -290,11 +309,15 @@ impl Bed {
         Ok(Prepared { state, cached: false })
     }
 
-    fn prepare(&self, backend: Backend) -> Result<State, BenchError> {
+    /// The bed as it is made.
+    fn start(&self) -> Result<(Arc<Constants>, State), BenchError> {
         let radii = self.radii()?;
         let places = self.places(&radii)?;
-        let world = self.world(&radii, |i| places[i], 1, false)?;
-        let (constants, state) = prepare(world)?;
+        Ok(prepare(self.world(&radii, |i| places[i], 1, false)?)?)
+    }
+
+    fn prepare(&self, backend: Backend) -> Result<State, BenchError> {
+        let (constants, state) = self.start()?;
         admit(backend, std::slice::from_ref(&constants))?;
         let mut batch = Batch::from_states(vec![(constants, state)], backend);
         while batch.running() && batch.progress(0).stage < self.preparing() {
@@ -350,6 +373,24 @@ fn driven([x, y, z]: [Drive; 3]) -> Deformation {
     Deformation { drive: [x, y, z, still, still, still], inertial_number: INERTIAL, ..Deformation::default() }
 }
 
+/// Equal spheres in a cube of that width: copies of a dense periodic packing of at most so many, from below.
+fn copied(radii: &[f64], width: f64, most: f64) -> Result<Vec<Vec3>, GenerateError> {
+    let copies = (radii.len() as f64 / most).cbrt().ceil() as usize;
+    let many = radii.len().div_ceil(copies.pow(3)).min(radii.len());
+    // A sphere's radius is left free at the sides.
+    let margin = radii.first().copied().unwrap_or_default();
+    let side = (width - 2.0 * margin) / copies as f64;
+    let sides = [side, side, solid_volume(&radii[..many]) / (SOLID_FRACTION * side * side)];
+    let region = Region { periodic: [true; 3], ..Region::walled([0.0; 3], sides) };
+    let packing = generate("dense", &FillRequest::new(region, &radii[..many], SEED))?;
+    let at = |copy: usize| {
+        let place = [copy % copies, copy / copies % copies, copy / copies.pow(2)];
+        [0, 1, 2].map(|k| margin + place[k] as f64 * sides[k])
+    };
+    let places = (0..copies.pow(3)).flat_map(|copy| packing.iter().map(move |x| add(*x, at(copy))));
+    Ok(places.take(radii.len()).collect())
+}
+
 /// A packing as dense as [`SOLID_FRACTION`], or, in boxes so narrow that their walls do not let it be,
 /// nearly so.
 fn dense(request: FillRequest<'_>) -> Result<Vec<Vec3>, GenerateError> {
@@ -358,6 +399,28 @@ fn dense(request: FillRequest<'_>) -> Result<Vec<Vec3>, GenerateError> {
         match generate("dense", &FillRequest { solid_fraction: Some(fraction), ..request }) {
             Err(GenerateError::Jammed { .. }) if fraction > LOOSEST => fraction -= 0.02,
             ended => return ended,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glebe_engine::lattice::{norm, sub};
+
+    use super::*;
+
+    #[test]
+    fn copies_of_a_packing_fit_together_and_into_the_box() {
+        let radii = [2e-3; 2000];
+        let width = Bed::width(&radii);
+        let places = copied(&radii, width, 260.0).unwrap();
+        assert_eq!(places.len(), radii.len());
+        for (k, a) in places.iter().enumerate() {
+            assert!(a[..2].iter().all(|x| (radii[0]..=width - radii[0]).contains(x)), "{a:?}");
+            assert!((radii[0]..HEADROOM * width).contains(&a[2]), "{a:?}");
+            let near = places[..k].iter().map(|b| norm(sub(*a, *b))).fold(f64::INFINITY, f64::min);
+            // The packing's spheres overlap by at most a hundredth.
+            assert!(near >= 1.99 * radii[0], "{near:e}");
         }
     }
 }

@@ -74,7 +74,8 @@ Columns of the table:
   lists ...   shares of the phases of a step in the wall time; on the CPU those of the first world
 
 The first run of a size prepares its beds: minutes for 10k, half an hour for 50k on two cores.
-Later runs find them in the cache.")]
+Later runs find them in the cache. Mono beds of 8M and more are made of copies of a periodic
+packing and timed as they are.")]
 pub struct BenchArgs {
     /// Numbers of particles, or none; k and M stand for thousands and millions
     #[arg(long, value_name = "N,…", value_delimiter = ',', default_value = "10k,50k", value_parser = size)]

@@ -21,7 +21,7 @@ use glebe_engine::state::State;
 use glebe_report::{Axis, Plot, Series, Style};
 
 use super::case::{Case, CaseError, Findings};
-use super::trial::{Record, SceneFile, Trial, largest, power_law, scene_file};
+use super::trial::{Record, SceneFile, Trial, largest, scene_file, upper_power};
 use crate::device::admit;
 
 pub(super) const CASE: Case = Case {
@@ -54,8 +54,6 @@ const QUICK: Size = Size { cells: [6, 13], brute: [6, 10], steps: 300, brute_ste
 const FULL: Size = Size { cells: [6, 20], brute: [6, 12], steps: 2500, brute_steps: 100, repeats: 1 };
 /// The last power of two of the full size on a device, which the paper's largest number does not fill.
 const DEVICE_LAST: u32 = 22;
-/// A device counts as full where a step costs so many times what it costs with the fewest particles.
-const FULLER: f64 = 4.0;
 /// What exponents may differ by from 1 and 2.
 const APART: f64 = 0.25;
 
@@ -80,9 +78,7 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let brute =
         costs(&mut found, "brute_force", Backend::Reference, size.brute, size.brute_steps, size.repeats)?;
 
-    // A device is full with many particles only; the CPU is from the start.
-    let upper = |costs: &[[f64; 2]]| exponent(&costs[saturated(costs)..]);
-    let exponents = [("cells", upper(&cells), 1.0), ("brute_force", upper(&brute), 2.0)];
+    let exponents = [("cells", upper_power(&cells), 1.0), ("brute_force", upper_power(&brute), 2.0)];
     for (name, exponent, expected) in exponents {
         let name = format!("{name}_exponent_of_the_upper_sizes");
         if trial.quick {
@@ -138,17 +134,6 @@ fn costs(
 
 fn advance(batch: &mut Batch) {
     let Ok(()) = batch.advance(&mut Record::default());
-}
-
-/// The first size that counts for the exponent: in the upper half, and beyond what launches cost.
-fn saturated(costs: &[[f64; 2]]) -> usize {
-    let full = costs.iter().position(|cost| cost[1] >= FULLER * costs[0][1]).unwrap_or(costs.len());
-    full.min(costs.len().saturating_sub(2)).max(costs.len() / 2)
-}
-
-fn exponent(costs: &[[f64; 2]]) -> f64 {
-    let [n, t] = [0, 1].map(|k| costs.iter().map(|cost| cost[k]).collect::<Vec<_>>());
-    power_law(&n, &t)
 }
 
 /// Where both cost the same, between sizes by power laws; none if one is cheaper throughout.

@@ -8,14 +8,14 @@
 
 use std::f64::consts::PI;
 
-use glebe_engine::batch::{Frame, Status};
+use glebe_engine::batch::{Glance, Status};
 use glebe_engine::lattice::{norm, sub};
 use glebe_engine::prepare;
 use glebe_engine::spec::{Vec3, WorldSpec};
 use glebe_report::{Axis, Plot, Series, Style};
 
 use super::case::CaseError;
-use super::trial::{Look, Trial, at_rest, keep, mean, run_with, settled};
+use super::trial::{Trial, Watch, at_rest, keep, mean, run_with, settled};
 
 /// Height above the surface from which a ball is computed \[m\].
 const ABOVE: f64 = 0.01;
@@ -84,16 +84,16 @@ impl Bed {
         let numbers: Vec<u32> = worlds.iter().map(|spec| spec.particles.len() as u32 - 1).collect();
         let worlds = worlds.into_iter().map(prepare).collect::<Result<Vec<_>, _>>()?;
         let mut paths = vec![Path::default(); balls.len()];
-        let mut look = Look(|world: usize, frame: &Frame<'_>| {
-            let particles = &frame.state.particles;
+        let mut watch = Watch(|world: usize, seen: &Glance<'_>| {
+            let particles = seen.particles;
             // A ball that has left the box leaves its path shorter.
             let Some(k) = particles.id.iter().position(|id| *id == numbers[world]) else { return };
             let (ball, path) = (&balls[world], &mut paths[world]);
-            path.time.push(frame.time - approach(ball, g));
-            path.depth.push(self.surface - (frame.positions[k][2] - ball.radius));
+            path.time.push(seen.time - approach(ball, g));
+            path.depth.push(self.surface - (seen.positions[k][2] - ball.radius));
             path.velocity.push(f64::from(particles.velocity[k].v[2]));
         });
-        let batch = run_with(worlds, trial.backend, &mut look)?;
+        let batch = run_with(worlds, trial.backend, &mut watch)?;
         for w in 0..batch.len() {
             if *batch.status(w) != Status::Done {
                 return Err(CaseError::stopped(&batch.constants(w).spec.title, batch.status(w)));

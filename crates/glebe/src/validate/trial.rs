@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use glebe_engine::backend::Backend;
-use glebe_engine::batch::{Batch, Frame, Observer, Sample, Status, positions};
+use glebe_engine::batch::{Batch, Frame, Glance, Observer, Sample, Status, positions};
 use glebe_engine::spec::{ParticleSet, Vec3, WorldSpec};
 use glebe_engine::state::{StageResult, State};
 use glebe_engine::{Constants, prepare};
@@ -233,6 +233,23 @@ impl<F: FnMut(usize, &Frame<'_>)> Observer for Look<F> {
     }
 }
 
+/// Shows particles with each row of their world's series.
+pub struct Watch<F>(pub F);
+
+impl<F: FnMut(usize, &Glance<'_>)> Observer for Watch<F> {
+    type Error = Infallible;
+    fn wants_frames(&self) -> bool {
+        false
+    }
+    fn wants_glance(&self, _: usize, _: &Sample) -> bool {
+        true
+    }
+    fn glance(&mut self, world: usize, glance: &Glance<'_>) -> Result<(), Infallible> {
+        (self.0)(world, glance);
+        Ok(())
+    }
+}
+
 /// Kinetic energy of a sample \[J\].
 pub fn kinetic(sample: &Sample) -> f64 {
     sample.ledger.translation + sample.ledger.rotation
@@ -263,6 +280,18 @@ pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
 pub fn power_law(x: &[f64], y: &[f64]) -> f64 {
     let log = |values: &[f64]| values.iter().map(|v| v.ln()).collect::<Vec<_>>();
     line(&log(x), &log(y)).map_or(f64::NAN, |[_, p]| p)
+}
+
+/// A device counts as full where a step costs so many times what it costs with the fewest particles.
+const FULLER: f64 = 4.0;
+
+/// The power by which wall time grows with size, of the upper half of sizes and beyond what launches cost: a device is full
+/// with many particles only, the CPU is from the start.
+pub fn upper_power(costs: &[[f64; 2]]) -> f64 {
+    let full = costs.iter().position(|cost| cost[1] >= FULLER * costs[0][1]).unwrap_or(costs.len());
+    let from = full.min(costs.len().saturating_sub(2)).max(costs.len() / 2);
+    let [n, t] = [0, 1].map(|k| costs[from..].iter().map(|cost| cost[k]).collect::<Vec<_>>());
+    power_law(&n, &t)
 }
 
 /// A folder for files of a case, which goes when it ends unless it is to be kept.

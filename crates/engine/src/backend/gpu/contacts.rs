@@ -121,10 +121,10 @@ fn dealt(block: u32, unit: u32, blocks: u32, #[comptime] units: u32) -> u32 {
     select(unit < single, unit * blocks + block, single * blocks + block * (units - single) + unit - single)
 }
 
-/// Where the list of a particle begins in a half of all lists.
+/// Where the list of a particle begins.
 #[cube]
-pub fn list_of(i: u32, half: u32, padded: u32, list_room: u32, lists: &Array<u32>) -> u32 {
-    half * list_room + lists[(2u32 * padded + half * (padded / SLICE) + i / SLICE) as usize] + i % SLICE
+pub fn list_of(i: u32, padded: u32, lists: &Array<u32>) -> u32 {
+    lists[(padded + i / SLICE) as usize] + i % SLICE
 }
 
 /// Gives each owner its particle: `block` has `owners` of them from the particle or, behind `padded`, the row of that
@@ -134,7 +134,6 @@ pub fn seat(
     desk: &mut Desk,
     block: u32,
     padded: u32,
-    list_room: u32,
     row_room: u32,
     w: u32,
     which: u32,
@@ -188,8 +187,8 @@ pub fn seat(
         let mut many = 0u32;
         let mut from = 0u32;
         if there {
-            many = lists[(which * padded + i) as usize];
-            from = list_of(i, which, padded, list_room, lists);
+            many = lists[i as usize];
+            from = list_of(i, padded, lists);
         }
         desk.who[UNIT_POS as usize] = select(there, i, NONE);
         desk.rows[UNIT_POS as usize] = select(there, row, NONE);
@@ -429,10 +428,10 @@ fn owned(desk: &Desk, #[comptime] column: u32, #[comptime] owners: u32) -> V3 {
     V3 { x, y, z }
 }
 
-/// Where F4 `q` of what entry `at` remembers stands: each has both halves of all lists to itself.
+/// Where F4 `q` of what entry `at` remembers stands: each has room for all entries.
 #[cube]
 pub fn plane(list_room: u32, at: u32, #[comptime] q: u32) -> u32 {
-    at + comptime!(2 * q) * list_room
+    at + q * list_room
 }
 
 /// The sums of the contacts of the block's particles. Vectors are those of the owner that a unit is; energies, losses

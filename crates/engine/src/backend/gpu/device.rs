@@ -7,7 +7,7 @@ use cubecl::prelude::*;
 use cubecl::server::{Binding, Handle};
 
 use super::fault::{Fault, guarded, plain};
-use super::layout::BLOCK;
+use super::layout::{BLOCK, U4};
 
 /// Memory of the device.
 #[derive(Clone)]
@@ -120,22 +120,29 @@ impl<R: Runtime> Device<R> {
             return Buffer { handle: self.client.empty(size), len, size };
         }
         let len = if self.gives(len * size) { len } else { 1 };
-        let handle = self.client.empty(len * size);
-        let words = len * size / 4;
-        let buffer = Buffer { handle: handle.clone(), len, size };
-        let whole = Buffer { handle, len: words, size: 4 };
-        // SAFETY: the kernel checks its bounds.
+        let buffer = Buffer { handle: self.take(len * size), len, size };
+        let (blocks, dim) = (grid(len.div_ceil(BLOCK as usize)), CubeDim::new_1d(BLOCK));
+        // SAFETY: the kernels check their bounds; elements are one word or four.
         #[allow(unsafe_code)]
         unsafe {
-            zero::launch_unchecked::<R>(
-                &self.client,
-                grid(words.div_ceil(BLOCK as usize)),
-                CubeDim::new_1d(BLOCK),
-                words as u32,
-                whole.arg(),
-            );
+            if size == QUAD {
+                zero_quads::launch_unchecked::<R>(&self.client, blocks, dim, len as u32, buffer.arg());
+            } else {
+                zero::launch_unchecked::<R>(&self.client, blocks, dim, len as u32, buffer.arg());
+            }
         }
         buffer
+    }
+
+    /// Memory, not cleared. Pools take it in pages of up to a quarter of the device, of which a few large buffers would
+    /// leave much unused: those are taken one by one, after what nobody uses any more has been given back.
+    fn take(&self, bytes: usize) -> Handle {
+        if bytes < LARGE {
+            return self.client.empty(bytes);
+        }
+        self.client.memory_cleanup();
+        let taken = self.client.memory_persistent_allocation(bytes, |bytes| self.client.empty(bytes));
+        taken.unwrap_or_else(|_| self.client.empty(bytes))
     }
 
     /// A buffer with contents; never empty. A device that cannot give it is broken, as for [`Self::zeros`].
@@ -203,48 +210,51 @@ impl<R: Runtime> Device<R> {
 
     /// `len` elements of a buffer from `from` on.
     pub fn read<T: Pod>(&self, buffer: &Buffer, from: usize, len: usize) -> Vec<T> {
-        if len == 0 {
-            return Vec::new();
-        }
-        let part = Buffer { handle: self.client.empty(len * buffer.size), len, size: buffer.size };
-        let words = buffer.size / 4;
-        self.copy(buffer, from * words, &part, 0, len * words);
-        match guarded(|| self.client.read_one(part.handle)) {
-            Ok(Ok(bytes)) if bytes.len() >= len * size_of::<T>() => {
-                return bytemuck::pod_collect_to_vec(&bytes[..len * size_of::<T>()]);
+        let mut all = Vec::with_capacity(len);
+        while all.len() < len {
+            let many = (len - all.len()).min(PORTION / buffer.size);
+            let part = Buffer { handle: self.client.empty(many * buffer.size), len: many, size: buffer.size };
+            self.copy(buffer, from + all.len(), &part, 0, many);
+            match guarded(|| self.client.read_one(part.handle)) {
+                Ok(Ok(bytes)) if bytes.len() >= many * size_of::<T>() => {
+                    all.extend(bytemuck::pod_collect_to_vec::<u8, T>(&bytes[..many * size_of::<T>()]));
+                    continue;
+                }
+                Ok(Ok(bytes)) => self.breaks(unanswered(format!("{} bytes came back", bytes.len()))),
+                Ok(Err(error)) => self.breaks(unanswered(plain(&error))),
+                Err(panic) => self.breaks(unanswered(panic)),
             }
-            Ok(Ok(bytes)) => self.breaks(unanswered(format!("{} bytes came back", bytes.len()))),
-            Ok(Err(error)) => self.breaks(unanswered(plain(&error))),
-            Err(panic) => self.breaks(unanswered(panic)),
+            all.resize(len, T::zeroed());
         }
-        vec![T::zeroed(); len]
+        all
     }
 
-    /// Writes `data` into a buffer from `at` on.
+    /// Writes `data` into a buffer from element `at` on.
     pub fn write<T: Pod>(&self, buffer: &Buffer, at: usize, data: &[T]) {
-        if data.is_empty() {
-            return;
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let mut at = at;
+        for portion in bytes.chunks(PORTION) {
+            let many = portion.len() / buffer.size;
+            let handle = self.client.create_from_slice(portion);
+            self.copy(&Buffer { handle, len: many, size: buffer.size }, 0, buffer, at, many);
+            at += many;
         }
-        let words = buffer.size / 4;
-        let source = self.upload(bytemuck::cast_slice::<T, u32>(data));
-        self.copy(&source, 0, buffer, at * words, size_of_val(data) / 4);
     }
 
-    fn copy(&self, from: &Buffer, begin: usize, to: &Buffer, at: usize, words: usize) {
-        let whole = |b: &Buffer| Buffer { handle: b.handle.clone(), len: b.bytes() / 4, size: 4 };
-        // SAFETY: the kernel checks its bounds against `words`, and callers stay within the buffers.
+    /// Copies elements between buffers of elements of one size.
+    fn copy(&self, from: &Buffer, begin: usize, to: &Buffer, at: usize, many: usize) {
+        let (blocks, dim) = (grid(many.div_ceil(BLOCK as usize)), CubeDim::new_1d(BLOCK));
+        let [n, begin, at] = [many, begin, at].map(|x| x as u32);
+        // SAFETY: the kernels check their bounds against `many`, and callers stay within the buffers, whose elements are
+        // one word or four.
         #[allow(unsafe_code)]
         unsafe {
-            paste::launch_unchecked::<R>(
-                &self.client,
-                grid(words.div_ceil(BLOCK as usize)),
-                CubeDim::new_1d(BLOCK),
-                words as u32,
-                begin as u32,
-                at as u32,
-                whole(from).arg(),
-                whole(to).arg(),
-            );
+            if from.size == QUAD {
+                let client = &self.client;
+                paste_quads::launch_unchecked::<R>(client, blocks, dim, n, begin, at, from.arg(), to.arg());
+            } else {
+                paste::launch_unchecked::<R>(&self.client, blocks, dim, n, begin, at, from.arg(), to.arg());
+            }
         }
     }
 }
@@ -253,14 +263,24 @@ fn unanswered(why: impl std::fmt::Display) -> Fault {
     Fault::refused(format!("it does not answer: {why}"))
 }
 
-/// Most blocks along an axis of a grid. Kernels that look up the world of their block are launched with no more: a
-/// grid of rows has blocks beyond those asked for.
+/// Bytes that go between host and device at a time: both sides need as much again meanwhile.
+const PORTION: usize = 256 << 20;
+
+/// Bytes from which on a buffer is taken by itself.
+const LARGE: usize = 1 << 30;
+
+/// Most blocks along an axis of a grid.
 pub const MOST_BLOCKS: usize = 65_535;
 
-/// A grid of at least `blocks` blocks.
+/// A grid of at least `blocks` blocks; of those beyond, which a grid of rows may have, kernels have to know.
 pub fn grid(blocks: usize) -> CubeCount {
     let rows = blocks.div_ceil(MOST_BLOCKS).max(1);
     CubeCount::Static(blocks.div_ceil(rows).max(1) as u32, rows as u32, 1)
+}
+
+/// The least number of blocks from `blocks` on whose grid has none beyond them.
+pub fn rows_of_grid(blocks: usize) -> usize {
+    blocks.next_multiple_of(blocks.div_ceil(MOST_BLOCKS).max(1))
 }
 
 #[cube(launch_unchecked)]
@@ -278,7 +298,23 @@ fn zero(n: u32, out: &mut Array<u32>) {
 }
 
 #[cube(launch_unchecked)]
+fn zero_quads(n: u32, out: &mut Array<U4>) {
+    let i = u32::cast_from(ABSOLUTE_POS);
+    if i < n {
+        out[i as usize] = U4::new(0u32);
+    }
+}
+
+#[cube(launch_unchecked)]
 fn paste(n: u32, begin: u32, at: u32, from: &Array<u32>, to: &mut Array<u32>) {
+    let i = u32::cast_from(ABSOLUTE_POS);
+    if i < n {
+        to[(at + i) as usize] = from[(begin + i) as usize];
+    }
+}
+
+#[cube(launch_unchecked)]
+fn paste_quads(n: u32, begin: u32, at: u32, from: &Array<U4>, to: &mut Array<U4>) {
     let i = u32::cast_from(ABSOLUTE_POS);
     if i < n {
         to[(at + i) as usize] = from[(begin + i) as usize];

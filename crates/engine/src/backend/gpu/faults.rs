@@ -9,7 +9,7 @@ use cubecl::prelude::*;
 use cubecl::wgpu::WgpuRuntime;
 use glebe_physics::{IntegratorKind, Material};
 
-use super::device::{Buffer, Device, MOST_BLOCKS, grid};
+use super::device::{Buffer, Device, MOST_BLOCKS, grid, rows_of_grid};
 use super::layout::BLOCK;
 use super::*;
 use crate::backend::{Backend, Job};
@@ -179,6 +179,10 @@ fn grids_stay_within_the_limit_and_one_beyond_it_is_heard_of() {
         let CubeCount::Static(x, y, z) = grid(blocks) else { panic!("grids are known beforehand") };
         assert!([x, y, z].iter().all(|n| (1..=MOST_BLOCKS as u32).contains(n)), "{blocks}: {x} {y} {z}");
         assert!(x as usize * y as usize * z as usize >= blocks);
+        let whole = rows_of_grid(blocks);
+        let CubeCount::Static(x, y, z) = grid(whole) else { panic!("grids are known beforehand") };
+        assert_eq!(x as usize * y as usize * z as usize, whole.max(1), "{blocks}");
+        assert!((blocks..blocks + 2000).contains(&whole));
     }
     let Some(opened) = device(|_| {}) else { return };
     if opened.handle.limits().max_compute_workgroups_per_dimension > MOST_BLOCKS as u32 {

@@ -14,14 +14,14 @@ use cubecl::prelude::*;
 
 use self::group::{first_rooms, with_newcomers};
 use super::choices::Choices;
-use super::device::{Buffer, Device, MOST_BLOCKS, Told};
+use super::device::{Buffer, Device, Told};
 use super::layout::{BLOCK, MERGED, SUMS, Shape, Signature, pose, world};
 use super::tables::{Region, Rooms, classes};
 use crate::backend::cpu::CpuFleet;
 use crate::backend::{Detail, Fleet, Job, Moment, PhaseTimes};
 use crate::failure::Failure;
 use crate::setup::{BoundaryShape, Constants};
-use crate::state::{Progress, State};
+use crate::state::{Particles, Progress, State};
 
 /// Most steps between two looks at a world by the host.
 const STRETCH: u64 = 1024;
@@ -82,6 +82,10 @@ struct Buffers {
     lists: Buffer,
     nbr: Buffer,
     hist: Buffer,
+    world_of_kept: Buffer,
+    held: Buffer,
+    kept: Buffer,
+    kept_hist: Buffer,
     bounds: Buffer,
     poses: Buffer,
     tris: Buffer,
@@ -103,6 +107,7 @@ struct Buffers {
     starts: Buffer,
     order: Buffer,
     renamed: Buffer,
+    listed: Buffer,
     widths: Buffer,
     width_starts: Buffer,
     near_count: Buffer,
@@ -170,11 +175,13 @@ impl<R: Runtime> GpuFleet<R> {
             Need {
                 all: (group.b.bytes() + stretch) as u64,
                 largest: b.iter().map(|b| b.bytes()).max().unwrap_or(0) as u64,
+                longest: b.iter().map(|b| b.len).max().unwrap_or(0) as u64,
             }
         });
         needs.fold(Need::default(), |sum, need| Need {
             all: sum.all + need.all,
             largest: sum.largest.max(need.largest),
+            longest: sum.longest.max(need.longest),
         })
     }
 }
@@ -186,9 +193,11 @@ pub struct Need {
     pub all: u64,
     /// Of the largest buffer.
     pub largest: u64,
+    /// Elements of the longest buffer.
+    pub longest: u64,
 }
 
-/// What worlds of one signature are together, as far as a launch reaches; and for each world its group and its place
+/// What worlds of one signature are together, as far as kernels count; and for each world its group and its place
 /// in it.
 type Grouped<W> = (Vec<(Signature, Vec<W>)>, Vec<(usize, usize)>);
 
@@ -198,26 +207,28 @@ fn grouped<W>(
     fused: bool,
 ) -> Grouped<W> {
     let mut groups: Vec<(Signature, Vec<W>)> = Vec::new();
-    let (mut at, mut blocks) = (Vec::new(), Vec::<usize>::new());
+    let (mut at, mut counts) = (Vec::new(), Vec::<usize>::new());
     for world in worlds {
         let c = constants(&world);
-        let (s, most) = (signature(c, fused), most_blocks(c.count));
-        let fits = |g: &usize| groups[*g].0 == s && blocks[*g] + most <= MOST_BLOCKS;
+        let s = signature(c, fused);
+        let fits = |g: &usize| groups[*g].0 == s && counts[*g] + c.count <= together(&s);
         let g = (0..groups.len()).find(fits).unwrap_or_else(|| {
             groups.push((s, Vec::new()));
-            blocks.push(0);
+            counts.push(0);
             groups.len() - 1
         });
-        blocks[g] += most;
+        counts[g] += c.count;
         at.push((g, groups[g].1.len()));
         groups[g].1.push(world);
     }
     (groups, at)
 }
 
-/// The most blocks of a step's launch that a world can come to need: of its particles, and of those near surfaces.
-pub fn most_blocks(count: usize) -> usize {
-    2 * count.max(1).div_ceil(BLOCK as usize)
+/// Particles of one signature that run together at most: a list's entries are counted in u32, and so are their floats.
+fn together(s: &Signature) -> usize {
+    /// Entries that a particle's list may come to have room for.
+    const MOST: u32 = 24;
+    (u32::MAX / (MOST * s.quads().max(1))) as usize
 }
 
 impl<R: Runtime> Fleet for GpuFleet<R> {
@@ -292,6 +303,14 @@ impl<R: Runtime> Fleet for GpuFleet<R> {
         self.groups[g].state(&self.device, w, progress)
     }
 
+    fn particles(&self, world: usize, _: &Progress) -> Particles {
+        let (g, w) = self.at[world];
+        if self.device.broken().is_some() {
+            return Particles::default();
+        }
+        self.groups[g].particles(&self.device, w)
+    }
+
     fn load(&mut self, world: usize, state: &mut State) {
         let (g, w) = self.at[world];
         let group = &mut self.groups[g];
@@ -319,7 +338,7 @@ impl<R: Runtime> Fleet for GpuFleet<R> {
 }
 
 impl Buffers {
-    fn all(&self) -> [&Buffer; 43] {
+    fn all(&self) -> [&Buffer; 48] {
         [
             &self.world_of,
             &self.world_of_cell,
@@ -336,6 +355,10 @@ impl Buffers {
             &self.lists,
             &self.nbr,
             &self.hist,
+            &self.world_of_kept,
+            &self.held,
+            &self.kept,
+            &self.kept_hist,
             &self.bounds,
             &self.poses,
             &self.tris,
@@ -357,6 +380,7 @@ impl Buffers {
             &self.starts,
             &self.order,
             &self.renamed,
+            &self.listed,
             &self.widths,
             &self.width_starts,
             &self.near_count,

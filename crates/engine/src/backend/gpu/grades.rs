@@ -6,11 +6,8 @@
 
 use cubecl::prelude::*;
 
-use super::contacts::list_of;
-use super::layout::{
-    BLOCK, F4, NONE, PARTNER, SLICE, TOUCHING, U4, cell_at, flag, float_at, halt, status, world,
-};
-use super::lists::{Ends, SLACK, bin_of, cell_of, grid_of, hand_over, part, rebuilding, take};
+use super::layout::{BLOCK, SLICE, U4, cell_at, float_at, status, world};
+use super::lists::{Ends, SLACK, bin_of, cell_of, grid_of, list_begin, part, rebuilding, take};
 
 /// Units that share a particle.
 const LANES: u32 = BLOCK / SLICE;
@@ -181,7 +178,7 @@ pub fn measure(
     starts: &Array<u32>,
     refs: &Array<U4>,
     own: &Array<U4>,
-    lists: &mut Array<u32>,
+    listed: &mut Array<u32>,
     widths: &mut Array<u32>,
     nbr: &mut Array<u32>,
     #[comptime] orthogonal: bool,
@@ -229,7 +226,7 @@ pub fn measure(
                 n += counts[(lane * SLICE + UNIT_POS) as usize];
             }
             if takes_part {
-                lists[(half + i) as usize] = n;
+                listed[i as usize] = n;
             }
             counts[UNIT_POS as usize] = n;
         }
@@ -244,59 +241,21 @@ pub fn measure(
     }
 }
 
-/// Where `j` stands in the list of `n` from `from` on, or `NONE`. Lists are in the order of storage, upwards to `front` and
-/// downwards from there; where cells share places they are in no order.
-#[cube]
-fn place_of(j: u32, from: u32, front: u32, n: u32, nbr: &Array<u32>) -> u32 {
-    let mut found = NONE.runtime();
-    let mut low = 0u32;
-    let mut high = front;
-    while low < high {
-        let q = low + (high - low) / 2u32;
-        let partner = nbr[(from + q * SLICE) as usize] & PARTNER;
-        found = select(partner == j, q, found);
-        low = select(partner < j, q + 1u32, low);
-        high = select(partner < j, high, q);
-    }
-    if found == NONE {
-        low = front;
-        high = n;
-        while low < high {
-            let q = low + (high - low) / 2u32;
-            let partner = nbr[(from + q * SLICE) as usize] & PARTNER;
-            found = select(partner == j, q, found);
-            low = select(partner > j, q + 1u32, low);
-            high = select(partner > j, high, q);
-        }
-    }
-    if found == NONE {
-        for q in 0..n {
-            found = select(nbr[(from + q * SLICE) as usize] & PARTNER == j, q, found);
-        }
-    }
-    found
-}
-
 /// As [`super::lists::fill`].
 #[cube(launch_unchecked)]
 pub fn fill(
     padded: u32,
-    list_room: u32,
     world_of: &Array<u32>,
     worlds: &Array<u32>,
     states: &Array<u32>,
-    flags: &mut Array<Atomic<u32>>,
     starts: &Array<u32>,
     refs: &Array<U4>,
     own: &Array<U4>,
-    order: &Array<u32>,
-    renamed: &Array<u32>,
+    listed: &Array<u32>,
     widths: &Array<u32>,
     lists: &mut Array<u32>,
     nbr: &mut Array<u32>,
-    hist: &mut Array<F4>,
     #[comptime] orthogonal: bool,
-    #[comptime] quads: u32,
 ) {
     let mut touching = SharedMemory::<u32>::new(comptime!(BLOCK as usize));
     let mut others = SharedMemory::<u32>::new(comptime!(BLOCK as usize));
@@ -308,88 +267,64 @@ pub fn fill(
         let s = w * status::WORDS;
         let lane = UNIT_POS / SLICE;
         let i = slice * SLICE + UNIT_POS % SLICE;
-        let old_half = states[(s + status::LISTED) as usize];
-        let new_half = 1u32 - old_half;
-        let before = widths[worlds[(c + world::SLICES) as usize] as usize];
-        let begins = worlds[(c + world::LISTS) as usize] + widths[slice as usize] - before;
-        let end = widths[(slice + 1u32) as usize] - before;
+        let half = (1u32 - states[(s + status::LISTED) as usize]) * padded;
+        let begins = list_begin(worlds, c, slice, widths);
         if UNIT_POS == 0u32 {
-            lists[(2u32 * padded + new_half * (padded / SLICE) + slice) as usize] = begins;
+            lists[(padded + slice) as usize] = begins;
         }
-        if end > worlds[(c + world::LIST_ROOM) as usize] {
-            flags[(w * flag::WORDS + flag::HALT) as usize].fetch_max(halt::ROOM);
-            flags[(w * flag::WORDS + flag::NEED) as usize].fetch_max(end);
-        } else {
-            let half = new_half * padded;
-            let from = new_half * list_room + begins + i % SLICE;
-            let there = i - worlds[(c + world::FIRST) as usize] < states[(s + status::COUNT) as usize];
-            let n = select(there, lists[(half + i) as usize], 0u32);
-            let mut front = 0u32;
-            let mut back = n;
-            for class in 0..worlds[(c + world::GRADES) as usize] {
-                // What the lanes before this one find comes before what it finds.
-                let mut found_touching = 0u32;
-                let mut found_others = 0u32;
-                if there {
-                    let none = Ends { front: 0u32, back: 0u32 };
-                    let e = walk(
-                        i, lane, class, none, w, half, from, worlds, states, starts, refs, own, nbr, false,
-                        orthogonal,
-                    );
-                    found_touching = e.front;
-                    found_others = 0u32 - e.back;
-                }
-                touching[UNIT_POS as usize] = found_touching;
-                others[UNIT_POS as usize] = found_others;
-                sync_cube();
-                let mut mine_front = front;
-                let mut mine_back = back;
-                for k in 0..LANES {
-                    let at = k * SLICE + UNIT_POS % SLICE;
-                    front += touching[at as usize];
-                    back -= others[at as usize];
-                    mine_front += select(k < lane, touching[at as usize], 0u32);
-                    mine_back -= select(k < lane, others[at as usize], 0u32);
-                }
-                if there {
-                    walk(
-                        i,
-                        lane,
-                        class,
-                        Ends { front: mine_front, back: mine_back },
-                        w,
-                        half,
-                        from,
-                        worlds,
-                        states,
-                        starts,
-                        refs,
-                        own,
-                        nbr,
-                        true,
-                        orthogonal,
-                    );
-                }
-                sync_cube();
-            }
-            sync_storage();
+        let from = begins + i % SLICE;
+        let there = i - worlds[(c + world::FIRST) as usize] < states[(s + status::COUNT) as usize];
+        let n = select(there, listed[i as usize], 0u32);
+        if there && lane == 0u32 {
+            lists[i as usize] = n;
+        }
+        let mut front = 0u32;
+        let mut back = n;
+        for class in 0..worlds[(c + world::GRADES) as usize] {
+            // What the lanes before this one find comes before what it finds.
+            let mut found_touching = 0u32;
+            let mut found_others = 0u32;
             if there {
-                let old = order[i as usize];
-                let old_n = lists[(old_half * padded + old) as usize];
-                let old_from = list_of(old, old_half, padded, list_room, lists);
-                let mut k = lane;
-                while k < old_n {
-                    let at = old_from + k * SLICE;
-                    let entry = nbr[at as usize];
-                    if entry & TOUCHING != 0u32 {
-                        let q = place_of(renamed[(entry & PARTNER) as usize], from, front, n, nbr);
-                        if q != NONE {
-                            hand_over(at, from + q * SLICE, list_room, nbr, hist, quads);
-                        }
-                    }
-                    k += LANES;
-                }
+                let none = Ends { front: 0u32, back: 0u32 };
+                let e = walk(
+                    i, lane, class, none, w, half, from, worlds, states, starts, refs, own, nbr, false,
+                    orthogonal,
+                );
+                found_touching = e.front;
+                found_others = 0u32 - e.back;
             }
+            touching[UNIT_POS as usize] = found_touching;
+            others[UNIT_POS as usize] = found_others;
+            sync_cube();
+            let mut mine_front = front;
+            let mut mine_back = back;
+            for k in 0..LANES {
+                let at = k * SLICE + UNIT_POS % SLICE;
+                front += touching[at as usize];
+                back -= others[at as usize];
+                mine_front += select(k < lane, touching[at as usize], 0u32);
+                mine_back -= select(k < lane, others[at as usize], 0u32);
+            }
+            if there {
+                walk(
+                    i,
+                    lane,
+                    class,
+                    Ends { front: mine_front, back: mine_back },
+                    w,
+                    half,
+                    from,
+                    worlds,
+                    states,
+                    starts,
+                    refs,
+                    own,
+                    nbr,
+                    true,
+                    orthogonal,
+                );
+            }
+            sync_cube();
         }
     }
 }

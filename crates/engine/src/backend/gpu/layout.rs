@@ -1,8 +1,8 @@
 //! How a batch lies in device memory.
 //!
-//! Particles of all worlds stand one after the other, each world from a block's beginning. Columns that a
-//! step writes exist twice: a step reads one half and writes the other, and so does a rebuild, so that a
-//! world's halves are told by its own two parities and no world waits for another.
+//! Particles of all worlds stand one after the other, each world from a block's beginning. Columns of particles
+//! exist twice: a step reads one half and writes the other, and so does a rebuild, so that a world's halves are
+//! told by its own two parities and no world waits for another. Lists, which are far longer, exist once.
 
 use cubecl::ir::features::EnumSet;
 use cubecl::prelude::*;

@@ -1,15 +1,14 @@
 //! Neighbour lists: particles binned, ordered and listed on the device.
 //!
 //! A rebuild is a fixed sequence of launches, in which only the worlds that need it take part. It reads one
-//! half of every column and writes the other; [`commit`] exchanges the halves if all went well, so that a
-//! rebuild for which there is too little room has changed nothing.
+//! half of every column and writes the other; [`commit`] exchanges the halves if all went well. Lists, which take more
+//! than all columns, are there once: [`judge`] lets only those be written for which there is room, so that a rebuild that
+//! has too little has changed nothing. What contacts remember is kept meanwhile, see [`super::keep`].
 
 use cubecl::prelude::*;
 
-use super::contacts::{list_of, plane};
 use super::layout::{
-    BLOCK, F4, NONE, PARTNER, PERIOD, RELIST, SECOND, SLICE, TOUCHING, U4, cell_at, flag, float_at, halt,
-    status, world,
+    BLOCK, F4, NONE, PERIOD, RELIST, SECOND, SLICE, U4, cell_at, flag, float_at, halt, status, world,
 };
 use super::step::apart2;
 use crate::setup::{SKIN_MAX, SKIN_MIN, SKIN_WIDER};
@@ -33,6 +32,7 @@ pub fn begin(
     worlds: &Array<u32>,
     states: &mut Array<u32>,
     flags: &mut Array<Atomic<u32>>,
+    held: &mut Array<u32>,
     #[comptime] graded: bool,
 ) {
     let w = u32::cast_from(ABSOLUTE_POS);
@@ -60,6 +60,10 @@ pub fn begin(
         let ended = (early || since >= PERIOD) && left > 0u32;
         let rebuilds = (ended || asked > 0u32) && !stopped;
         states[(s + status::REBUILDING) as usize] = select(rebuilds, 1u32, 0u32);
+        // What the host has put is kept already.
+        if rebuilds && asked == 0u32 {
+            held[w as usize] = 0u32;
+        }
         if rebuilds {
             let mean = float_at(worlds, c + world::RADIUS_MEAN);
             let skin = float_at(states, s + status::SKIN);
@@ -638,7 +642,7 @@ pub fn measure(
     starts: &Array<u32>,
     refs: &Array<U4>,
     own: &Array<U4>,
-    lists: &mut Array<u32>,
+    listed: &mut Array<u32>,
     widths: &mut Array<u32>,
     nbr: &mut Array<u32>,
     #[comptime] orthogonal: bool,
@@ -654,7 +658,7 @@ pub fn measure(
         if i - worlds[(w * world::WORDS + world::FIRST) as usize] < states[(s + status::COUNT) as usize] {
             n = neighbours(i, w, half, 0u32, 0u32, worlds, states, starts, refs, own, nbr, false, orthogonal);
         }
-        lists[(half + i) as usize] = n;
+        listed[i as usize] = n;
     }
     counts[UNIT_POS as usize] = n;
     sync_cube();
@@ -667,108 +671,96 @@ pub fn measure(
     }
 }
 
-/// Gives an entry what an old one remembers.
-#[cube]
-pub fn hand_over(
-    at: u32,
-    to: u32,
-    list_room: u32,
-    nbr: &mut Array<u32>,
-    hist: &mut Array<F4>,
-    #[comptime] quads: u32,
+/// Whether there is room for what a rebuild is about to write; a world that lacks some asks the host for it and goes on
+/// with what it has. One unit per world.
+#[cube(launch_unchecked)]
+pub fn judge(
+    count: u32,
+    worlds: &Array<u32>,
+    states: &mut Array<u32>,
+    flags: &mut Array<Atomic<u32>>,
+    widths: &Array<u32>,
+    row_starts: &Array<u32>,
+    facet_starts: &Array<u32>,
+    #[comptime] surfaces: bool,
 ) {
-    nbr[to as usize] = nbr[to as usize] | TOUCHING;
-    if comptime!(quads > 0) {
-        hist[to as usize] = hist[at as usize];
-    }
-    #[unroll]
-    for q in 1..quads {
-        hist[plane(list_room, to, q) as usize] = hist[plane(list_room, at, q) as usize];
+    let w = u32::cast_from(ABSOLUTE_POS);
+    if w < count && rebuilding(states, w) {
+        let c = w * world::WORDS;
+        let f = w * flag::WORDS;
+        let padded = worlds[(c + world::BLOCKS) as usize] * BLOCK;
+        let slice = worlds[(c + world::SLICES) as usize];
+        let lists = widths[(slice + padded / SLICE) as usize] - widths[slice as usize];
+        let mut lacks = lists > worlds[(c + world::LIST_ROOM) as usize];
+        if lacks {
+            flags[(f + flag::NEED) as usize].fetch_max(lists);
+        }
+        if comptime!(surfaces) {
+            let first = worlds[(c + world::FIRST) as usize];
+            let end = (first + padded) as usize;
+            let rows = row_starts[end] - row_starts[first as usize];
+            let facets = facet_starts[end] - facet_starts[first as usize];
+            if rows > worlds[(c + world::ROW_ROOM) as usize]
+                || facets > worlds[(c + world::FACET_ROOM) as usize]
+            {
+                lacks = true;
+                flags[(f + flag::NEED + 1u32) as usize].fetch_max(rows);
+                flags[(f + flag::NEED + 2u32) as usize].fetch_max(facets);
+            }
+        }
+        if lacks {
+            flags[(f + flag::HALT) as usize].fetch_max(halt::ROOM);
+        }
+        if flags[(f + flag::HALT) as usize].load() != halt::NO {
+            states[(w * status::WORDS + status::REBUILDING) as usize] = 0u32;
+        }
     }
 }
 
-/// Writes the lists and gives contacts what they remember.
+/// Writes the lists.
 #[cube(launch_unchecked)]
 pub fn fill(
     padded: u32,
-    list_room: u32,
     world_of: &Array<u32>,
     worlds: &Array<u32>,
     states: &Array<u32>,
-    flags: &mut Array<Atomic<u32>>,
     starts: &Array<u32>,
     refs: &Array<U4>,
     own: &Array<U4>,
-    order: &Array<u32>,
-    renamed: &Array<u32>,
+    listed: &Array<u32>,
     widths: &Array<u32>,
     lists: &mut Array<u32>,
     nbr: &mut Array<u32>,
-    hist: &mut Array<F4>,
     #[comptime] orthogonal: bool,
-    #[comptime] quads: u32,
 ) {
     let w = world_of[CUBE_POS];
     if rebuilding(states, w) {
         let c = w * world::WORDS;
         let s = w * status::WORDS;
         let i = u32::cast_from(ABSOLUTE_POS);
-        let old_half = states[(s + status::LISTED) as usize];
-        let new_half = 1u32 - old_half;
+        let half = (1u32 - states[(s + status::LISTED) as usize]) * padded;
         let slice = i / SLICE;
-        let offset = widths[slice as usize] - widths[worlds[(c + world::SLICES) as usize] as usize];
-        let end = widths[(slice + 1u32) as usize] - widths[worlds[(c + world::SLICES) as usize] as usize];
-        let begins = worlds[(c + world::LISTS) as usize] + offset;
+        let begins = list_begin(worlds, c, slice, widths);
         if UNIT_POS % SLICE == 0u32 {
-            lists[(2u32 * padded + new_half * (padded / SLICE) + slice) as usize] = begins;
+            lists[(padded + slice) as usize] = begins;
         }
-        if end > worlds[(c + world::LIST_ROOM) as usize] {
-            flags[(w * flag::WORDS + flag::HALT) as usize].fetch_max(halt::ROOM);
-            flags[(w * flag::WORDS + flag::NEED) as usize].fetch_max(end);
-        } else if i - worlds[(c + world::FIRST) as usize] < states[(s + status::COUNT) as usize] {
-            let n = lists[(new_half * padded + i) as usize];
-            let from = new_half * list_room + begins + i % SLICE;
-            neighbours(
-                i,
-                w,
-                new_half * padded,
-                from,
-                n,
-                worlds,
-                states,
-                starts,
-                refs,
-                own,
-                nbr,
-                true,
-                orthogonal,
-            );
-            let old = order[i as usize];
-            let old_n = lists[(old_half * padded + old) as usize];
-            let old_from = list_of(old, old_half, padded, list_room, lists);
-            for k in 0..old_n {
-                let at = old_from + k * SLICE;
-                let entry = nbr[at as usize];
-                if entry & TOUCHING != 0u32 {
-                    let j = renamed[(entry & PARTNER) as usize];
-                    let mut q = 0u32;
-                    while q < n {
-                        let to = from + q * SLICE;
-                        let candidate = nbr[to as usize];
-                        if (candidate & PARTNER) == j {
-                            hand_over(at, to, list_room, nbr, hist, quads);
-                            q = n;
-                        } else {
-                            q += 1u32;
-                        }
-                    }
-                }
-            }
+        if i - worlds[(c + world::FIRST) as usize] < states[(s + status::COUNT) as usize] {
+            let n = listed[i as usize];
+            lists[i as usize] = n;
+            let from = begins + i % SLICE;
+            neighbours(i, w, half, from, n, worlds, states, starts, refs, own, nbr, true, orthogonal);
         }
     }
 }
 
-/// Ends a rebuild: exchanges the halves, or asks the host for help. One unit per world.
+/// Where the lists of a slice are to begin.
+#[cube]
+pub fn list_begin(worlds: &Array<u32>, c: u32, slice: u32, widths: &Array<u32>) -> u32 {
+    worlds[(c + world::LISTS) as usize] + widths[slice as usize]
+        - widths[worlds[(c + world::SLICES) as usize] as usize]
+}
+
+/// Ends a rebuild: exchanges the halves, or waits for the host's help. One unit per world.
 #[cube(launch_unchecked)]
 pub fn commit(
     count: u32,

@@ -20,6 +20,7 @@ mod fault;
 mod faults;
 mod fleet;
 mod grades;
+mod keep;
 mod launch;
 mod layout;
 mod lists;
@@ -55,10 +56,10 @@ use crate::state::State;
 /// Launches that wgpu gathers into one submission.
 const TASKS: usize = 32;
 
-/// Least memory of a particle, whatever its world: all columns, and 16 places for neighbours \[bytes\].
-const BYTES: u64 = 1000;
+/// Least memory of a particle, whatever its world: all columns, and 12 places for neighbours \[bytes\].
+const BYTES: u64 = 440;
 /// The part of it in the largest buffer, what contacts remember \[bytes\].
-const LARGEST: u64 = 512;
+const LARGEST: u64 = 96;
 
 /// Which device to open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -273,7 +274,7 @@ impl Accelerator {
     /// Why the device has no room for a world of that many particles, whatever they are.
     pub fn crowded(self, particles: usize) -> Option<String> {
         let n = particles as u64;
-        let need = Need { all: n * BYTES, largest: n * LARGEST };
+        let need = Need { all: n * BYTES, largest: n * LARGEST, longest: n };
         beyond_reach(particles).or_else(|| overflow(particles, need, self.room()))
     }
 
@@ -396,11 +397,12 @@ fn open_cuda(_: usize) -> Result<Accelerator, Unavailable> {
     Err(probe::no_cuda())
 }
 
-/// Why a world of that many particles is beyond a launch.
+/// Why a world of that many particles is beyond what lists can tell.
 fn beyond_reach(particles: usize) -> Option<String> {
-    let most = device::MOST_BLOCKS / 2 * layout::BLOCK as usize;
-    (fleet::most_blocks(particles) > device::MOST_BLOCKS)
-        .then(|| format!("{particles} particles in one world are more than the {most} that a launch reaches"))
+    let most = layout::PARTNER as usize;
+    (particles > most).then(|| {
+        format!("{particles} particles in one world are more than the {most} that its lists can tell")
+    })
 }
 
 /// What does not fit into a device with that memory and largest buffer \[bytes\].
@@ -415,6 +417,11 @@ fn overflow(particles: usize, need: Need, (memory, largest): (Option<u64>, u64))
     match memory {
         Some(memory) if need.all > memory => Some(told(need.all, "at least", memory)),
         _ if need.largest > largest => Some(told(need.largest, "a buffer of at least", largest)),
+        _ if need.longest > u64::from(u32::MAX) => Some(format!(
+            "{particles} particles need a list of {} entries, and kernels count no further than {}",
+            need.longest,
+            u32::MAX
+        )),
         _ => None,
     }
 }
@@ -461,7 +468,7 @@ mod tests {
     #[test]
     fn room_is_looked_at_before_it_is_taken() {
         const GB: u64 = 1_000_000_000;
-        let need = Need { all: 2 * GB, largest: GB };
+        let need = Need { all: 2 * GB, largest: GB, longest: 1 };
         assert_eq!(overflow(1_000_000, need, (Some(2 * GB), GB)), None);
         let told = overflow(1_000_000, need, (Some(GB), GB)).unwrap();
         assert!(
@@ -470,8 +477,10 @@ mod tests {
         );
         let told = overflow(1_000_000, need, (None, GB / 8)).unwrap();
         assert!(told.contains("a buffer of at least 1000 MB, and the device has 125 MB"), "{told}");
-        assert_eq!(beyond_reach(8_000_000), None);
-        assert!(beyond_reach(9_000_000).unwrap().contains("more than the 8388352"));
+        let long = Need { longest: 1 << 32, ..need };
+        assert!(overflow(1, long, (None, GB)).unwrap().contains("no further than 4294967295"));
+        assert_eq!(beyond_reach(1_000_000_000), None);
+        assert!(beyond_reach(1_100_000_000).unwrap().contains("more than the 1073741823"));
     }
 
     #[test]

@@ -5,8 +5,7 @@ use glebe_physics::kernel::vector::V3;
 
 use super::compensated::rounded;
 use super::layout::{
-    F4, FACET_WORDS, IMAGE_BITS, NONE, SLOTS, Signature, U4, boundary, flag, float_at, halt, pose, status,
-    world,
+    F4, FACET_WORDS, IMAGE_BITS, NONE, SLOTS, Signature, U4, boundary, float_at, pose, status, world,
 };
 use super::round::round_facing;
 use super::step::quad;
@@ -251,7 +250,6 @@ pub fn settle(
     world_of: &Array<u32>,
     worlds: &Array<u32>,
     states: &Array<u32>,
-    flags: &mut Array<Atomic<u32>>,
     refs: &Array<U4>,
     order: &Array<u32>,
     bounds: &Array<u32>,
@@ -280,15 +278,8 @@ pub fn settle(
             let row = row_starts[i as usize] - row_starts[first as usize];
             let begin = facet_starts[i as usize] - facet_starts[first as usize];
             let n = facet_starts[(i + 1u32) as usize] - facet_starts[i as usize];
-            let fits = row < worlds[(c + world::ROW_ROOM) as usize]
-                && begin + n <= worlds[(c + world::FACET_ROOM) as usize];
-            let f = w * flag::WORDS;
             if n == 0u32 {
                 rows[(new_half * padded + i) as usize] = NONE;
-            } else if !fits {
-                flags[(f + flag::HALT) as usize].fetch_max(halt::ROOM);
-                flags[(f + flag::NEED + 1u32) as usize].fetch_max(row + 1u32);
-                flags[(f + flag::NEED + 2u32) as usize].fetch_max(begin + n);
             } else {
                 let at = new_half * padded + i;
                 let p = reference(refs, at);

@@ -12,7 +12,7 @@ pub const TILE: u32 = BLOCK * EACH;
 /// The exclusive sum of `x` over the units of a block, and of all of them in `shared[BLOCK - 1]`'s inclusive
 /// form.
 #[cube]
-fn within_block(shared: &mut SharedMemory<u32>, x: u32) -> u32 {
+pub fn within_block(shared: &mut SharedMemory<u32>, x: u32) -> u32 {
     shared[UNIT_POS as usize] = x;
     sync_cube();
     let mut reach = 1u32;

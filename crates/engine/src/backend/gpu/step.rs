@@ -667,7 +667,7 @@ pub fn step(
             }
         }
         let mut desk = desk(s, purpose);
-        seat(&mut desk, block, padded, list_room, row_room, w, which, worlds, states, lists, rows, s);
+        seat(&mut desk, block, padded, row_room, w, which, worlds, states, lists, rows, s);
         let p = contacts_of(
             &mut desk, block, k, padded, list_room, row_room, facet_room, names, w, which, parity, t, cell,
             dt, flags, worlds, pairs, place, vel, spin, own, refs, nbr, hist, bounds, poses, tris, verts,

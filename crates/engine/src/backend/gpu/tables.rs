@@ -13,7 +13,7 @@ use crate::surface::{Placed, Span, rotate};
 /// What a world has room for.
 #[derive(Clone, Copy, Debug)]
 pub struct Rooms {
-    /// List entries.
+    /// List entries, in steps of two blocks.
     pub lists: u32,
     /// Rows of particles near surfaces.
     pub rows: u32,

@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use cubecl::prelude::*;
 
-use super::super::device::{Device, QUAD};
+use super::super::device::{Device, QUAD, rows_of_grid};
 use super::super::layout::{
     BLOCK, FACET_WORDS, NONE, PAIR_QUADS, PERIOD, SLICE, SLOTS, SUMS, Signature, boundary, flag, halt,
     status, world,
 };
 use super::super::tables::{Meshes, Region, Rooms, cell_room, deform, pair_quads, stand, world_row};
-use super::super::{scan, step};
+use super::super::{keep, scan, step};
 use super::{Buffers, CROWD, Group, Lack};
 use crate::backend::PhaseTimes;
 use crate::setup::Constants;
@@ -88,13 +88,19 @@ impl Group {
         let per = |blocks: &dyn Fn(&Region) -> u32| -> Vec<u32> {
             regions.iter().enumerate().flat_map(|(w, r)| vec![w as u32; blocks(r) as usize]).collect()
         };
+        // Blocks of which rows make a grid, with none beyond them.
+        let blocks = (padded / BLOCK) as usize;
+        let idle = rows_of_grid(blocks) as u32 - padded / BLOCK;
+        padded += idle * BLOCK;
         let n = padded as usize;
         let names = worlds.iter().map(|(c, _)| c.spec.surfaces.len()).max().unwrap_or(0);
         let [entries, row_room, facet_room] = begins.map(|x| x as usize);
+        let idlers = vec![worlds.len().saturating_sub(1) as u32; idle as usize];
+        let pairs_kept = keep::room(begins[0]) as usize;
         let pushed = row_room / signature.rows_of_block() * names;
         let held = (PUSHED / (2 * QUAD * pushed).max(1)).clamp(1, PERIOD as usize) as u32;
         let b = Buffers {
-            world_of: device.upload(&[per(&|r| r.blocks), per(&|r| r.rooms.rows / BLOCK)].concat()),
+            world_of: device.upload(&[per(&|r| r.blocks), idlers, per(&|r| r.rooms.rows / BLOCK)].concat()),
             world_of_cell: device.upload(&per(&|r| r.cell_room / BLOCK)),
             worlds: device.zeros(1, 4),
             states: device.zeros(worlds.len() * status::WORDS as usize, 4),
@@ -106,9 +112,13 @@ impl Group {
             own: device.zeros(4 * n, QUAD),
             refs: device.zeros(4 * n, QUAD),
             slow: device.zeros(6 * n, QUAD),
-            lists: device.zeros(2 * n + 2 * n / SLICE as usize, 4),
-            nbr: device.zeros(2 * entries, 4),
-            hist: device.zeros((2 * entries * signature.quads() as usize).max(1), QUAD),
+            lists: device.zeros(n + n / SLICE as usize, 4),
+            nbr: device.zeros(entries, 4),
+            hist: device.zeros(entries * signature.quads() as usize, QUAD),
+            world_of_kept: device.upload(&per(&|r| keep::room(r.rooms.lists) / BLOCK)),
+            held: device.zeros(worlds.len(), 4),
+            kept: device.zeros(2 * pairs_kept, 4),
+            kept_hist: device.zeros(pairs_kept * signature.quads() as usize, QUAD),
             bounds: device.upload(&meshes.rows),
             poses: device.zeros(1, 4),
             tris: device.upload(&meshes.triangles),
@@ -131,6 +141,7 @@ impl Group {
             starts: device.zeros(cells as usize + 1, 4),
             order: device.zeros(n, 4),
             renamed: device.zeros(n, 4),
+            listed: device.zeros(n, 4),
             widths: device.zeros(n / SLICE as usize, 4),
             width_starts: device.zeros(n / SLICE as usize + 1, 4),
             near_count: device.zeros(n, 4),
@@ -161,9 +172,15 @@ impl Group {
         }
     }
 
-    /// Where quad `q` of what pairs remember begins.
-    pub(super) fn plane(&self, q: usize) -> usize {
-        2 * q * self.rooms[0] as usize
+    /// Pairs of world `w` that are kept: where they begin, and for how many there is room.
+    pub(super) fn kept(&self, w: usize) -> (usize, usize) {
+        let region = &self.regions[w];
+        (keep::room(region.begins[0]) as usize, keep::room(region.rooms.lists) as usize)
+    }
+
+    /// Where F4 `q` of what kept pairs remember begins.
+    pub(super) fn kept_plane(&self, q: usize) -> usize {
+        q * keep::room(self.rooms[0]) as usize
     }
 
     pub(super) fn state_word(&self, w: usize, k: u32) -> u32 {
@@ -298,6 +315,8 @@ impl Group {
         let mut worlds: Vec<(Arc<Constants>, &mut State)> =
             self.worlds.iter().cloned().zip(states.iter_mut()).collect();
         let (times, cut) = (self.times, std::mem::take(&mut self.cut));
+        // What it had is given back before more is taken.
+        *self = Self::allocate(device, self.signature, &[], &[]);
         *self = Self::new(device, self.signature, &mut worlds, rooms);
         (self.times, self.cut) = (times, cut);
         *given = std::mem::take(&mut states[w]);
@@ -309,16 +328,29 @@ pub(super) fn with_newcomers(c: &Constants, count: usize) -> usize {
     if c.spec.inlets.is_empty() { count } else { count + count / 2 + BLOCK as usize }
 }
 
+/// Particles of a world from which on memory is what it is short of.
+const HUGE: usize = 4_000_000;
+
 /// A guess at what a world needs room for; a rebuild that needs more is repeated with more.
 pub(super) fn first_rooms(c: &Constants, count: usize, worlds: usize) -> Rooms {
     let n = count.max(1) as u32;
-    // Soft grains that fall on each other come to need more than grains at rest. To take more is slow for many worlds.
-    let listed = if worlds < CROWD { 16 } else { 20 };
+    // Soft grains that fall on each other come to need more than grains at rest. To take more is slow for many worlds; where
+    // lists are most of a device's memory there is as little as the skin of slow grains asks for.
+    let listed = if worlds >= CROWD {
+        20
+    } else if count < HUGE {
+        16
+    } else {
+        12
+    };
     let surfaces = !c.boundaries.is_empty();
+    // A world's sides grow as its volume's power of two thirds.
+    let sides = 12 * (f64::from(n).cbrt().powi(2) as u32);
+    let rows = n.min(4096 + sides.min(n / 8));
     Rooms {
         lists: listed * n.next_multiple_of(BLOCK),
-        rows: if surfaces { n.min(4096 + n / 8).next_multiple_of(BLOCK) } else { BLOCK },
-        facets: if surfaces { 4 * n.min(4096 + n / 8) } else { 1 },
+        rows: if surfaces { rows.next_multiple_of(BLOCK) } else { BLOCK },
+        facets: if surfaces { 4 * rows } else { 1 },
     }
 }
 
@@ -326,7 +358,11 @@ pub(super) fn first_rooms(c: &Constants, count: usize, worlds: usize) -> Rooms {
 /// comes to need the others of a study will soon need too, and taking memory is slow.
 fn widen(rooms: &mut [Rooms], counts: &[usize], (w, need): Lack) {
     let held = rooms[w];
-    let more = if counts.len() < CROWD { 1.25 } else { 1.5 };
+    let more = match counts.len() {
+        CROWD.. => 1.5,
+        _ if counts[w] < HUGE => 1.25,
+        _ => 1.05,
+    };
     let each = |need: u32, held: u32| (need > held).then(|| more * f64::from(need) / counts[w].max(1) as f64);
     let [lists, rows, facets] =
         [each(need[0], held.lists), each(need[1], held.rows), each(need[2], held.facets)];
@@ -334,7 +370,7 @@ fn widen(rooms: &mut [Rooms], counts: &[usize], (w, need): Lack) {
         let grown = |room: u32, each: Option<f64>| {
             each.map_or(room, |each| room.max((each * count.max(1) as f64).ceil() as u32))
         };
-        r.lists = grown(r.lists, lists).next_multiple_of(BLOCK);
+        r.lists = grown(r.lists, lists).next_multiple_of(2 * BLOCK);
         r.rows = grown(r.rows, rows).next_multiple_of(BLOCK);
         r.facets = grown(r.facets, facets);
     }

@@ -5,9 +5,9 @@ use glebe_physics::IntegratorKind;
 
 use super::super::device::{Buffer, Device, grid};
 use super::super::launch::{Arguments, settings};
-use super::super::layout::{BLOCK, SLICE, SUMS};
+use super::super::layout::{BLOCK, NONE, SLICE, SUMS};
 use super::super::step::Purpose;
-use super::super::{grades, lists, rows, scan, step, sums};
+use super::super::{grades, keep, lists, rows, scan, step, sums};
 use super::{Group, Report};
 
 impl Group {
@@ -262,6 +262,7 @@ impl Group {
                 self.b.worlds.arg(),
                 self.b.states.arg(),
                 self.b.flags.arg(),
+                self.b.held.arg(),
                 self.signature.graded,
             );
         }
@@ -272,7 +273,7 @@ impl Group {
         let b = &self.b;
         let (n, worlds) = (self.padded, self.worlds.len() as u32);
         let dim = CubeDim::new_1d(BLOCK);
-        let by_world = grid((worlds as usize).div_ceil(BLOCK as usize));
+        let by_world = || grid((worlds as usize).div_ceil(BLOCK as usize));
         let by_particle = || grid((n / BLOCK) as usize);
         let by_slice = || grid((n / SLICE) as usize);
         let client = device.client();
@@ -358,40 +359,73 @@ impl Group {
                 b.starts.arg(),
                 b.refs.arg(),
                 b.own.arg(),
-                b.lists.arg(),
+                b.listed.arg(),
                 b.widths.arg(),
                 b.nbr.arg(),
                 self.signature.orthogonal,
             );
             self.sum(device, n / SLICE, &b.widths, &b.width_starts);
+            if self.signature.surfaces {
+                self.approach(device);
+            }
+            lists::judge::launch_unchecked::<R>(
+                client,
+                by_world(),
+                dim,
+                worlds,
+                b.worlds.arg(),
+                b.states.arg(),
+                b.flags.arg(),
+                b.width_starts.arg(),
+                b.row_starts.arg(),
+                b.facet_starts.arg(),
+                self.signature.surfaces,
+            );
+            self.keep(device, NONE);
             fill(
                 client,
                 blocks(),
                 dim,
                 n,
-                self.rooms[0],
                 b.world_of.arg(),
                 b.worlds.arg(),
                 b.states.arg(),
-                b.flags.arg(),
                 b.starts.arg(),
                 b.refs.arg(),
                 b.own.arg(),
-                b.order.arg(),
-                b.renamed.arg(),
+                b.listed.arg(),
                 b.width_starts.arg(),
                 b.lists.arg(),
                 b.nbr.arg(),
-                b.hist.arg(),
                 self.signature.orthogonal,
+            );
+            let pairs = keep::room(self.rooms[0]) / BLOCK;
+            keep::restore::launch_unchecked::<R>(
+                client,
+                grid(pairs as usize),
+                dim,
+                n,
+                self.rooms[0],
+                pairs,
+                b.world_of_kept.arg(),
+                b.worlds.arg(),
+                b.states.arg(),
+                b.lists.arg(),
+                b.renamed.arg(),
+                b.held.arg(),
+                b.kept.arg(),
+                b.kept_hist.arg(),
+                b.nbr.arg(),
+                b.hist.arg(),
                 self.signature.quads(),
+                graded,
             );
             if self.signature.surfaces {
-                self.rebuild_rows(device);
+                self.settle(device);
             }
             lists::commit::launch_unchecked::<R>(
                 client,
-                by_world,
+                by_world(),
                 dim,
                 worlds,
                 b.worlds.arg(),
@@ -403,7 +437,35 @@ impl Group {
         }
     }
 
-    fn rebuild_rows<R: Runtime>(&self, device: &Device<R>) {
+    /// Keeps what the pairs of the worlds that are being rebuilt remember, or of the world `only`.
+    pub(super) fn keep<R: Runtime>(&self, device: &Device<R>, only: u32) {
+        let b = &self.b;
+        // SAFETY: the kernel stays within the buffers, whose sizes follow from the same layout.
+        #[allow(unsafe_code)]
+        unsafe {
+            keep::keep::launch_unchecked::<R>(
+                device.client(),
+                grid((self.padded / BLOCK) as usize),
+                CubeDim::new_1d(BLOCK),
+                self.padded,
+                self.rooms[0],
+                only,
+                b.world_of.arg(),
+                b.worlds.arg(),
+                b.states.arg(),
+                b.lists.arg(),
+                b.nbr.arg(),
+                b.hist.arg(),
+                b.held.arg(),
+                b.kept.arg(),
+                b.kept_hist.arg(),
+                self.signature.quads(),
+            );
+        }
+    }
+
+    /// Counts what particles are near to.
+    fn approach<R: Runtime>(&self, device: &Device<R>) {
         let b = &self.b;
         let n = self.padded;
         let dim = CubeDim::new_1d(BLOCK);
@@ -430,19 +492,27 @@ impl Group {
                 b.near_flag.arg(),
                 self.signature,
             );
-            self.sum(device, n, &b.near_flag, &b.row_starts);
-            self.sum(device, n, &b.near_count, &b.facet_starts);
+        }
+        self.sum(device, n, &b.near_flag, &b.row_starts);
+        self.sum(device, n, &b.near_count, &b.facet_starts);
+    }
+
+    /// Writes what particles are near to.
+    fn settle<R: Runtime>(&self, device: &Device<R>) {
+        let (b, n) = (&self.b, self.padded);
+        // SAFETY: the kernel stays within the buffers, whose sizes follow from the same layout.
+        #[allow(unsafe_code)]
+        unsafe {
             rows::settle::launch_unchecked::<R>(
                 device.client(),
                 grid((n / BLOCK) as usize),
-                dim,
+                CubeDim::new_1d(BLOCK),
                 n,
                 self.rooms[1],
                 self.rooms[2],
                 b.world_of.arg(),
                 b.worlds.arg(),
                 b.states.arg(),
-                b.flags.arg(),
                 b.refs.arg(),
                 b.order.arg(),
                 b.bounds.arg(),

@@ -3,7 +3,7 @@
 use cubecl::prelude::*;
 
 use super::super::device::Device;
-use super::super::layout::{BLOCK, NONE, PARTNER, REFER, RELIST, SECOND, SLICE, SLOTS, TOUCHING, status};
+use super::super::layout::{NONE, REFER, RELIST, SLOTS, status};
 use super::super::tables::status_row;
 use super::Group;
 use crate::state::{ContactMemory, Particles, Place, Progress, Spin, State, SurfaceMemory, Velocity};
@@ -81,48 +81,22 @@ impl Group {
         self.put_surface_contacts(device, w, state, &places);
     }
 
-    /// What pairs remember, as lists of touching neighbours that the first rebuild takes over.
+    /// What pairs remember, kept until the first rebuild.
     fn put_contacts<R: Runtime>(&self, device: &Device<R>, w: usize, state: &State, places: &Places) {
-        let region = &self.regions[w];
-        let n = state.particles.len();
-        let pairs: Vec<[usize; 2]> =
-            state.contacts.iter().map(|m| m.id.map(|id| places.get(id).unwrap_or(usize::MAX))).collect();
-        let known = || pairs.iter().zip(&state.contacts).filter(|(pair, _)| !pair.contains(&usize::MAX));
-        let mut counts = vec![0_u32; n];
-        for (pair, _) in known() {
-            for &i in pair {
-                counts[i] += 1;
-            }
-        }
-        let slices = (region.blocks * BLOCK / SLICE) as usize;
-        let mut offsets = vec![region.begins[0]; slices];
-        let mut used = 0;
-        for (offset, members) in offsets.iter_mut().zip(counts.chunks(SLICE as usize)) {
-            *offset += used;
-            used += members.iter().max().unwrap_or(&0) * SLICE;
-        }
-        offsets[n.div_ceil(SLICE as usize)..].fill(region.begins[0] + used);
-        let mut entries = vec![0_u32; used as usize];
-        let mut history = vec![vec![[0.0_f32; 4]; used as usize]; self.signature.quads() as usize];
-        let mut filled = vec![0_u32; n];
-        for (&[a, b], m) in known() {
-            for (i, entry) in [(a, region.first + b as u32), (b, SECOND | (region.first + a as u32))] {
-                let from = offsets[i / SLICE as usize] - region.begins[0] + i as u32 % SLICE;
-                let to = (from + filled[i] * SLICE) as usize;
-                entries[to] = TOUCHING | entry;
-                for (q, plane) in history.iter_mut().enumerate() {
-                    plane[to] = quad_of(&m.history, q);
-                }
-                filled[i] += 1;
-            }
-        }
-        entries.truncate(region.rooms.lists as usize);
-        device.write(&self.b.lists, region.first as usize, &counts);
-        device.write(&self.b.lists, 2 * self.padded as usize + (region.first / SLICE) as usize, &offsets);
-        device.write(&self.b.nbr, region.begins[0] as usize, &entries);
-        for (q, mut plane) in history.into_iter().enumerate() {
-            plane.truncate(region.rooms.lists as usize);
-            device.write(&self.b.hist, self.plane(q) + region.begins[0] as usize, &plane);
+        let first = self.regions[w].first;
+        let (begin, room) = self.kept(w);
+        let pair = |m: &ContactMemory| {
+            let [a, b] = m.id.map(|id| places.get(id));
+            Some([first + a? as u32, first + b? as u32])
+        };
+        let known = state.contacts.iter().filter_map(|m| Some((pair(m)?, m)));
+        // What does not fit goes with an attempt that fails: the lists to be made have no less in them.
+        let (pairs, memories): (Vec<[u32; 2]>, Vec<&ContactMemory>) = known.take(room).unzip();
+        device.write(&self.b.held, w, &[pairs.len() as u32]);
+        device.write(&self.b.kept, 2 * begin, pairs.as_flattened());
+        for q in 0..self.signature.quads() as usize {
+            let plane: Vec<[f32; 4]> = memories.iter().map(|m| quad_of(&m.history, q)).collect();
+            device.write(&self.b.kept_hist, self.kept_plane(q) + begin, &plane);
         }
     }
 
@@ -158,6 +132,17 @@ impl Group {
 
     /// The complete state of a world.
     pub(super) fn state<R: Runtime>(&self, device: &Device<R>, w: usize, g: &Progress) -> State {
+        let particles = self.particles(device, w);
+        if device.broken().is_some() {
+            return State { progress: g.clone(), ..State::default() };
+        }
+        let contacts = self.contacts(device, w, &particles);
+        let surface_contacts = self.surface_contacts(device, w, &particles);
+        State { particles, contacts, surface_contacts, progress: g.clone() }
+    }
+
+    /// The particles of a world.
+    pub(super) fn particles<R: Runtime>(&self, device: &Device<R>, w: usize) -> Particles {
         let region = &self.regions[w];
         let n = self.counts[w];
         let first = region.first as usize;
@@ -173,7 +158,7 @@ impl Group {
         let refs: Vec<[u32; 4]> = device.read(&b.refs, 2 * (listed * padded + first), 2 * n);
         let slow: Vec<[f32; 4]> = device.read(&b.slow, 3 * (listed * padded + first), 3 * n);
         if device.broken().is_some() {
-            return State { progress: g.clone(), ..State::default() };
+            return Particles::default();
         }
         let three = |q: &[f32; 4]| [q[0], q[1], q[2]];
         let mut p = Particles::default();
@@ -192,62 +177,31 @@ impl Group {
             p.lo_ref.push([lo[0], lo[1], lo[2]]);
             p.hi_ref.push([hi[0] as i32, hi[1] as i32, hi[2] as i32]);
         }
-        let contacts = self.contacts(device, w, &p, listed);
-        let surface_contacts = self.surface_contacts(device, w, &p, parity, listed);
-        State { particles: p, contacts, surface_contacts, progress: g.clone() }
+        p
     }
 
-    fn contacts<R: Runtime>(
-        &self,
-        device: &Device<R>,
-        w: usize,
-        p: &Particles,
-        listed: usize,
-    ) -> Vec<ContactMemory> {
-        let (c, region) = (&self.worlds[w], &self.regions[w]);
-        let (n, first) = (p.len(), region.first as usize);
-        let padded = self.padded as usize;
+    fn contacts<R: Runtime>(&self, device: &Device<R>, w: usize, p: &Particles) -> Vec<ContactMemory> {
+        let first = self.regions[w].first as usize;
+        let (begin, _) = self.kept(w);
         let b = &self.b;
-        let slices = (region.blocks * BLOCK / SLICE) as usize;
-        let counts: Vec<u32> = device.read(&b.lists, listed * padded + first, n);
-        let offsets: Vec<u32> = device.read(
-            &b.lists,
-            2 * padded + listed * padded / SLICE as usize + first / SLICE as usize,
-            slices,
-        );
+        device.write(&b.held, w, &[0_u32]);
+        self.keep(device, w as u32);
+        let held = device.read::<u32>(&b.held, w, 1).into_iter().sum::<u32>() as usize;
+        let pairs: Vec<u32> = device.read(&b.kept, 2 * begin, 2 * held);
+        let planes: Vec<Vec<[f32; 4]>> = (0..self.signature.quads() as usize)
+            .map(|q| device.read(&b.kept_hist, self.kept_plane(q) + begin, held))
+            .collect();
         if device.broken().is_some() {
             return Vec::new();
         }
-        let used = (0..n)
-            .map(|i| offsets[i / SLICE as usize] - region.begins[0] + counts[i] * SLICE)
-            .max()
-            .unwrap_or(0)
-            .next_multiple_of(SLICE)
-            .min(region.rooms.lists) as usize;
-        let from = listed * self.rooms[0] as usize + region.begins[0] as usize;
-        let nbr: Vec<u32> = device.read(&b.nbr, from, used);
-        let quads = self.signature.quads() as usize;
-        let hist: Vec<Vec<[f32; 4]>> =
-            (0..quads).map(|q| device.read(&b.hist, self.plane(q) + from, used)).collect();
-        if device.broken().is_some() {
-            return Vec::new();
-        }
-        let h = c.history.len();
-        let mut contacts = Vec::new();
-        for i in 0..n {
-            let begin = (offsets[i / SLICE as usize] - region.begins[0]) as usize + i % SLICE as usize;
-            for k in 0..counts[i] as usize {
-                let at = begin + k * SLICE as usize;
-                let entry = nbr[at];
-                // Each pair is told by the particle of the lower number.
-                if entry & TOUCHING == 0 || entry & SECOND != 0 {
-                    continue;
-                }
-                let j = (entry & PARTNER) as usize - first;
-                let floats = hist.iter().flat_map(|plane| plane[at]).take(h);
-                contacts.push(ContactMemory { id: [p.id[i], p.id[j]], history: floats.collect() });
-            }
-        }
+        let h = self.worlds[w].history.len();
+        let pairs = pairs.chunks_exact(2).enumerate();
+        let mut contacts: Vec<ContactMemory> = pairs
+            .map(|(k, pair)| ContactMemory {
+                id: [pair[0], pair[1]].map(|i| p.id[i as usize - first]),
+                history: planes.iter().flat_map(|plane| plane[k]).take(h).collect(),
+            })
+            .collect();
         contacts.sort_unstable_by_key(|m| m.id);
         contacts
     }
@@ -257,14 +211,14 @@ impl Group {
         device: &Device<R>,
         w: usize,
         p: &Particles,
-        parity: usize,
-        listed: usize,
     ) -> Vec<SurfaceMemory> {
         if !self.signature.surfaces {
             return Vec::new();
         }
         let (c, region) = (&self.worlds[w], &self.regions[w]);
         let b = &self.b;
+        let parity = self.state_word(w, status::PARITY) as usize;
+        let listed = self.state_word(w, status::LISTED) as usize;
         let (n, begin) = (p.len(), region.begins[1] as usize);
         let row_of: Vec<u32> = device.read(&b.rows, listed * self.padded as usize + region.first as usize, n);
         if device.broken().is_some() {
