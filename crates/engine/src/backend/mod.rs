@@ -7,6 +7,7 @@ pub mod gpu;
 pub mod reference;
 
 pub(crate) mod common;
+mod team;
 mod worlds;
 
 use std::sync::Arc;

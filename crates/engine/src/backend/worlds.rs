@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::team::Team;
 use super::{Detail, Fleet, Job, Moment, PhaseTimes};
 use crate::failure::Failure;
 use crate::setup::Constants;
@@ -15,8 +16,12 @@ pub trait World: Send + Sized {
     fn new(c: Arc<Constants>, state: &mut State) -> Self;
     /// What does not change.
     fn constants(&self) -> &Arc<Constants>;
-    /// One step.
-    fn step(&mut self, g: &mut Progress) -> Result<(), Failure>;
+    /// One step, with the help of a team.
+    fn step(&mut self, g: &mut Progress, team: &Team) -> Result<(), Failure>;
+    /// Parts of a step that threads may do side by side.
+    fn parts(&self) -> usize {
+        1
+    }
     /// Energies and contacts now.
     fn observe(&mut self, g: &Progress) -> Moment;
     /// Coordination and forces on triangles now.
@@ -43,6 +48,22 @@ impl<W: World> Worlds<W> {
     }
 }
 
+/// Parts of a step that a member of a team has at least.
+const PARTS_EACH: usize = 4;
+/// Steps for each of its members that a team is made for: a thread takes some tens of microseconds to start.
+const WORTH: u64 = 16;
+
+fn advance<W: World>(world: &mut W, job: &mut Job<'_>, team: &Team) {
+    let c = world.constants().clone();
+    job.outcome = (0..job.steps).try_for_each(|_| {
+        if c.governs(job.progress) {
+            let tensors = world.observe(job.progress).tensors;
+            c.govern(job.progress, tensors.as_ref());
+        }
+        world.step(job.progress, team)
+    });
+}
+
 /// What is asked of worlds beside the worlds that it is asked of, each once.
 fn side_by_side<W, T>(
     worlds: &mut [W],
@@ -55,17 +76,14 @@ fn side_by_side<W, T>(
 
 impl<W: World> Fleet for Worlds<W> {
     fn advance(&mut self, jobs: &mut [Job<'_>]) {
-        let paired = side_by_side(&mut self.0, jobs, |job| job.world);
-        paired.into_par_iter().for_each(|(world, job)| {
-            let c = world.constants().clone();
-            job.outcome = (0..job.steps).try_for_each(|_| {
-                if c.governs(job.progress) {
-                    let tensors = world.observe(job.progress).tensors;
-                    c.govern(job.progress, tensors.as_ref());
-                }
-                world.step(job.progress)
-            });
-        });
+        let mut paired = side_by_side(&mut self.0, jobs, |job| job.world);
+        if let [(world, job)] = &mut paired[..] {
+            let members = rayon::current_num_threads().min(world.parts() / PARTS_EACH);
+            let members = if job.steps < WORTH * members as u64 { 0 } else { members };
+            Team::at_work(members, |team| advance(*world, job, team));
+            return;
+        }
+        paired.into_par_iter().for_each(|(world, job)| advance(world, job, &Team::nobody()));
     }
 
     fn observe(&mut self, asked: &[(usize, &Progress)]) -> Vec<Moment> {

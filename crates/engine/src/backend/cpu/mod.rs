@@ -30,6 +30,7 @@ use super::common::{
     Portrait, Standing, leavers, narrow_failure, overlap_failure, quoted, runaway_failure, strays, too_deep,
     unload,
 };
+use super::team::Team;
 use super::worlds::{World, Worlds};
 use super::{Detail, Link, Moment, PhaseTimes, Touch};
 use crate::cell::STEP_GROWTH;
@@ -100,17 +101,21 @@ impl World for CpuWorld {
         &self.c
     }
 
-    fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
+    fn parts(&self) -> usize {
+        self.blocks.len()
+    }
+
+    fn step(&mut self, g: &mut Progress, team: &Team) -> Result<(), Failure> {
         let kind = self.c.spec.time.integrator;
         let split = kind == IntegratorKind::VelocityVerlet;
         let mut clock = Clock(Instant::now());
         if split {
             if !g.primed {
                 self.stand(g);
-                self.forces(Purpose::Prime);
+                self.forces(Purpose::Prime, team);
                 self.prime();
             }
-            let moved = self.motion(g, kind, true);
+            let moved = self.motion(g, kind, true, team);
             self.check(g, moved)?;
             // The force belongs to the end of the step, for surfaces too.
             g.step += 1;
@@ -123,9 +128,9 @@ impl World for CpuWorld {
         }
         self.stand(g);
         self.times.surfaces += clock.lap();
-        self.forces(Purpose::Step);
+        self.forces(Purpose::Step, team);
         self.times.forces += clock.lap();
-        let moved = self.motion(g, kind, false);
+        let moved = self.motion(g, kind, false, team);
         self.times.integration += clock.lap();
         self.account(g, split, moved);
         self.times.ledger += clock.lap();
@@ -389,9 +394,9 @@ impl CpuWorld {
     }
 
     /// Contacts of every block.
-    fn forces(&mut self, purpose: Purpose) {
+    fn forces(&mut self, purpose: Purpose, team: &Team) {
         let phase = Self::phase(&self.c, &self.space, &self.pairs, &self.p, &self.standing, purpose);
-        each(&phase, &mut self.blocks, [&mut self.sums, &mut self.drains], &mut self.found);
+        each(&phase, &mut self.blocks, [&mut self.sums, &mut self.drains], &mut self.found, team);
     }
 
     /// Accelerations of the present configuration, without a step.
@@ -413,8 +418,8 @@ impl CpuWorld {
     }
 
     /// Moves all particles, ahead of or with the force.
-    fn motion(&mut self, g: &mut Progress, kind: IntegratorKind, ahead: bool) -> Moved {
-        let moved = visit(kind, Motion { world: self, ahead, first: !g.primed });
+    fn motion(&mut self, g: &mut Progress, kind: IntegratorKind, ahead: bool, team: &Team) -> Moved {
+        let moved = visit(kind, Motion { world: self, ahead, first: !g.primed, team });
         g.ledger.work += moved.lifted;
         moved
     }
@@ -543,7 +548,7 @@ impl CpuWorld {
         let phase = Self::phase(&self.c, &self.space, &self.pairs, &self.p, &self.standing, Purpose::Observe);
         let mut found: Vec<Found> = Vec::new();
         found.resize_with(self.blocks.len(), Found::default);
-        each(&phase, &mut self.blocks, [&mut self.sums, &mut self.drains], &mut found);
+        each(&phase, &mut self.blocks, [&mut self.sums, &mut self.drains], &mut found, &Team::nobody());
         found
     }
 
@@ -588,8 +593,17 @@ pub fn near_pairs(c: &Constants, state: &State) -> Vec<([usize; 2], f64)> {
     found
 }
 
+/// Blocks that are not worth waking threads for: one takes some tens of microseconds.
+const FEW: usize = 4;
+
 /// The contact phase over all blocks, on as many threads as pay.
-fn each(phase: &Phase<'_>, blocks: &mut [Block], shares: [&mut [Share]; 2], found: &mut [Found]) {
+fn each(
+    phase: &Phase<'_>,
+    blocks: &mut [Block],
+    shares: [&mut [Share]; 2],
+    found: &mut [Found],
+    team: &Team,
+) {
     let [mut sums, mut drains] = shares;
     let mut work = Vec::with_capacity(blocks.len());
     for (block, found) in blocks.iter_mut().zip(found) {
@@ -599,9 +613,7 @@ fn each(phase: &Phase<'_>, blocks: &mut [Block], shares: [&mut [Share]; 2], foun
         (sums, drains) = (rest, rest_drains);
         work.push((block, own, own_drains, found));
     }
-    // A block takes some tens of microseconds; fewer than four are not worth waking threads for.
-    let min = if work.len() < 4 { 4 } else { 1 };
-    work.into_par_iter().with_min_len(min).for_each(|(block, sums, drains, found)| {
+    team.each(work, FEW, |(block, sums, drains, found)| {
         SCRATCH.with_borrow_mut(|scratch| run(phase, block, sums, drains, found, scratch));
     });
 }
@@ -638,52 +650,49 @@ struct Motion<'a> {
     world: &'a mut CpuWorld,
     ahead: bool,
     first: bool,
+    team: &'a Team,
 }
 
 impl Visitor for Motion<'_> {
     type Output = Moved;
 
     fn visit<S: Scheme>(self) -> Moved {
-        let Self { world: w, ahead, first } = self;
+        let Self { world: w, ahead, first, team } = self;
         let (blocks, incoming, s) = (&w.blocks, &w.incoming, w.step);
         let (sums, drains) = (&w.sums[..], &w.drains[..]);
         let p = &mut w.p;
-        let columns = (
-            p.place.par_chunks_mut(BLOCK),
-            p.hi.par_chunks_mut(BLOCK),
-            p.rest.par_chunks_mut(BLOCK),
-            p.velocity.par_chunks_mut(BLOCK),
-            p.spin.par_chunks_mut(BLOCK),
-            p.acceleration.par_chunks_mut(BLOCK),
-            p.angular.par_chunks_mut(BLOCK),
-            p.force.par_chunks_mut(BLOCK),
-            p.lo_ref.par_chunks(BLOCK),
-            w.moved.par_iter_mut(),
-        )
-            .into_par_iter();
-        let min = if blocks.len() < 4 { 4 } else { 1 };
-        columns.with_min_len(min).enumerate().for_each(
-            |(b, (place, hi, rest, velocity, spin, acceleration, angular, force, lo_ref, moved))| {
-                *moved = Moved::default();
-                let mut c = Columns {
-                    first: b * BLOCK,
-                    place,
-                    hi,
-                    rest,
-                    velocity,
-                    spin,
-                    acceleration,
-                    angular,
-                    force,
-                    lo_ref,
-                };
-                let contacts = Contacts { block: &blocks[b], sums, drains, incoming };
-                let contacts = (!ahead).then_some(contacts);
-                DISPLACEMENTS.with_borrow_mut(|dx| {
-                    advance_widest::<S>(&mut c, &s, moved, contacts, first, dx);
-                });
-            },
-        );
+        let mut place = p.place.chunks_mut(BLOCK);
+        let mut hi = p.hi.chunks_mut(BLOCK);
+        let mut rest = p.rest.chunks_mut(BLOCK);
+        let mut velocity = p.velocity.chunks_mut(BLOCK);
+        let mut spin = p.spin.chunks_mut(BLOCK);
+        let mut acceleration = p.acceleration.chunks_mut(BLOCK);
+        let mut angular = p.angular.chunks_mut(BLOCK);
+        let mut force = p.force.chunks_mut(BLOCK);
+        let mut lo_ref = p.lo_ref.chunks(BLOCK);
+        let columns = |b: usize| {
+            Some(Columns {
+                first: b * BLOCK,
+                place: place.next()?,
+                hi: hi.next()?,
+                rest: rest.next()?,
+                velocity: velocity.next()?,
+                spin: spin.next()?,
+                acceleration: acceleration.next()?,
+                angular: angular.next()?,
+                force: force.next()?,
+                lo_ref: lo_ref.next()?,
+            })
+        };
+        let work: Vec<_> = (0..).map_while(columns).zip(blocks).zip(&mut w.moved).collect();
+        team.each(work, FEW, |((mut c, block), moved)| {
+            *moved = Moved::default();
+            let contacts = Contacts { block, sums, incoming, drains };
+            let contacts = (!ahead).then_some(contacts);
+            DISPLACEMENTS.with_borrow_mut(|dx| {
+                advance_widest::<S>(&mut c, &s, moved, contacts, first, dx);
+            });
+        });
         w.moved.iter().fold(Moved::default(), |all, m| Moved {
             displacement: all.displacement.max(m.displacement),
             runaway: all.runaway.or(m.runaway),

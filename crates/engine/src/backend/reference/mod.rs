@@ -22,6 +22,7 @@ use super::common::{
     Portrait, Standing, narrow_failure, outside, overlap_failure, quoted, runaway_failure, shown, too_deep,
     unload,
 };
+use super::team::Team;
 use super::worlds::{World, Worlds};
 use super::{Detail, Link, Moment, Touch};
 use crate::failure::Failure;
@@ -144,7 +145,7 @@ impl World for ReferenceWorld {
         &self.c
     }
 
-    fn step(&mut self, g: &mut Progress) -> Result<(), Failure> {
+    fn step(&mut self, g: &mut Progress, _: &Team) -> Result<(), Failure> {
         let c = self.c.clone();
         let kind = c.spec.time.integrator;
         let split = kind == IntegratorKind::VelocityVerlet;
