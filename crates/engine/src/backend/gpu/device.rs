@@ -44,6 +44,10 @@ impl Buffer {
     pub fn bytes(&self) -> usize {
         self.len * self.size
     }
+    /// Whether it was taken by itself.
+    pub fn is_large(&self) -> bool {
+        self.bytes() >= LARGE
+    }
 }
 
 /// A device through one of CubeCL's runtimes.
@@ -140,9 +144,14 @@ impl<R: Runtime> Device<R> {
         if bytes < LARGE {
             return self.client.empty(bytes);
         }
-        self.client.memory_cleanup();
+        self.give_back();
         let taken = self.client.memory_persistent_allocation(bytes, |bytes| self.client.empty(bytes));
         taken.unwrap_or_else(|_| self.client.empty(bytes))
+    }
+
+    /// Gives memory back that nobody uses any more.
+    pub fn give_back(&self) {
+        self.client.memory_cleanup();
     }
 
     /// A buffer with contents; never empty. A device that cannot give it is broken, as for [`Self::zeros`].

@@ -231,6 +231,16 @@ fn together(s: &Signature) -> usize {
     (u32::MAX / (MOST * s.quads().max(1))) as usize
 }
 
+impl<R: Runtime> Drop for GpuFleet<R> {
+    fn drop(&mut self) {
+        let large = self.groups.iter().any(|group| group.b.all().iter().any(|b| b.is_large()));
+        self.groups.clear();
+        if large {
+            self.device.give_back();
+        }
+    }
+}
+
 impl<R: Runtime> Fleet for GpuFleet<R> {
     fn advance(&mut self, jobs: &mut [Job<'_>]) {
         for g in 0..self.groups.len() {
