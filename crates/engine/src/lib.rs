@@ -20,6 +20,7 @@ pub mod wear;
 
 mod bonds;
 mod bytes;
+mod curve;
 mod failure;
 mod lacey;
 mod setup;

@@ -59,6 +59,8 @@ pub struct WorldSpec {
     /// Whether the world is one of many that run together: a GPU then takes kernels that are slower for a world alone and
     /// faster for many. They round otherwise, so this belongs to the world, which has the same bits wherever it runs.
     pub throughput: bool,
+    /// How particles find those near to them.
+    pub search: Search,
     /// Fields that are measured.
     pub fields: Vec<FieldSpec>,
     /// Whether frames show contacts.
@@ -91,11 +93,26 @@ impl WorldSpec {
             stages: Vec::new(),
             sampling: Sampling::default(),
             throughput: false,
+            search: Search::Grid,
             fields: Vec::new(),
             network: false,
             wear: Vec::new(),
         }
     }
+}
+
+/// How particles find those near to them when lists are made anew. All find the same; forces are added in the order in
+/// which they were found, so that the last bits differ.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Search {
+    /// Through cells as wide as an interaction reaches, for each size class its own.
+    #[default]
+    Grid,
+    /// Down a hierarchy of bounding volumes over the particles in the order of Morton codes, as in the study of
+    /// periodic samples of Lubbe et al. 2022.
+    Bvh,
+    /// By looking at all.
+    AllPairs,
 }
 
 /// The space of a world: the parallelepiped `origin + C·[0,1]³`.

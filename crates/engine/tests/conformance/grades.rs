@@ -1,7 +1,7 @@
-//! Wide gradings: every pair is found, whatever the sizes.
+//! Every pair is found, whatever the sizes and the search.
 
 use glebe_engine::lattice::{add, norm, scale, sub};
-use glebe_engine::spec::{Deformation, Domain, Drive, Side, Stage, Until, Vec3, WorldSpec};
+use glebe_engine::spec::{Deformation, Domain, Drive, Search, Side, Stage, Until, Vec3, WorldSpec};
 use glebe_physics::{ContactModel, IntegratorKind, LawChoice, Material};
 
 use crate::support::{Body, CPU, Random, Run, Subject, Together, grain, open_world};
@@ -101,14 +101,48 @@ pub fn wide_gradings_step_as_on_the_cpu(on: &Subject) {
 
 /// Worlds of a batch may have other classes, one among them.
 pub fn graded_worlds_equal_themselves_in_a_batch(on: &Subject) {
-    let specs = [graded(10.0, 100, 2), graded(20.0, 150, 5), graded(2.5, 30, 2), graded(10.0, 60, 6)];
+    equal_themselves(
+        on,
+        &[graded(10.0, 100, 2), graded(20.0, 150, 5), graded(2.5, 30, 2), graded(10.0, 60, 6)],
+    );
+}
+
+/// Worlds of a batch may find their neighbours in other ways, and there may be several sizes of a hierarchy.
+pub fn worlds_of_every_search_equal_themselves_in_a_batch(on: &Subject) {
+    let found = |search, ratio, few| searched(search, graded(ratio, few, 5));
+    equal_themselves(
+        on,
+        &[
+            found(Search::Bvh, 2.5, 30),
+            found(Search::AllPairs, 10.0, 100),
+            found(Search::Grid, 2.5, 20),
+            found(Search::Bvh, 10.0, 400),
+            found(Search::Bvh, 20.0, 150),
+        ],
+    );
+}
+
+fn searched(search: Search, mut spec: WorldSpec) -> WorldSpec {
+    spec.search = search;
+    spec
+}
+
+/// Worlds end alone, and in parts of which one begins with a state that was stored, as they do together.
+fn equal_themselves(on: &Subject, specs: &[WorldSpec]) {
     let steps = 150;
     let mut batch = Together::new(on, specs.to_vec());
-    batch.steps(steps);
-    for (w, spec) in specs.into_iter().enumerate() {
-        let mut alone = Run::new(on, spec);
-        alone.steps(steps);
+    // Where jobs end devices round what they account.
+    let (part, rest) = (60, steps - 60);
+    batch.steps(part);
+    batch.steps(rest);
+    for (w, spec) in specs.iter().enumerate() {
+        let mut alone = Run::new(on, spec.clone());
+        alone.steps(part);
+        let mut resumed = Run::resume(on, alone.c.clone(), alone.state());
+        alone.steps(rest);
         assert_eq!(batch.state(w).hash(), alone.state().hash(), "world {w}");
+        resumed.steps(rest);
+        assert_eq!(batch.state(w).hash(), resumed.state().hash(), "world {w} resumed");
     }
 }
 
@@ -196,33 +230,59 @@ fn of_all_pairs(spec: &WorldSpec, bodies: &[Body]) -> Vec<(Vec3, f64)> {
     forces
 }
 
+const ALL: [bool; 3] = [true; 3];
+const SOME: [bool; 3] = [true, false, true];
+const NONE: [bool; 3] = [false; 3];
+
+/// Radii from the largest to this share of it, how they are spread, spheres, periodic axes and skew of a cloud.
+type Cloud = (f64, Spread, usize, [bool; 3], f64);
+
 /// Clouds of many gradings feel what all their pairs do, found without lists, and go on to while lists are made anew.
 pub fn gradings_feel_all_pairs(on: &Subject) {
     use Spread::{Even, Halves, Log, Two};
-    let all = [true; 3];
-    let some = [true, false, true];
-    let none = [false; 3];
     let clouds = [
-        (1.0, Even, 60, all, 0.0),
-        (3.05, Even, 80, some, 0.0),
-        (3.5, Two, 150, all, 0.0),
-        (5.0, Log, 150, none, 0.0),
-        (6.5, Halves, 200, all, 0.0),
-        (10.0, Log, 300, some, 0.0),
-        (10.0, Two, 900, none, 0.0),
+        (1.0, Even, 60, ALL, 0.0),
+        (3.05, Even, 80, SOME, 0.0),
+        (3.5, Two, 150, ALL, 0.0),
+        (5.0, Log, 150, NONE, 0.0),
+        (6.5, Halves, 200, ALL, 0.0),
+        (10.0, Log, 300, SOME, 0.0),
+        (10.0, Two, 900, NONE, 0.0),
         (14.0, Halves, 250, [false, true, false], 0.0),
-        (20.0, Even, 60, all, 0.0),
-        (20.0, Log, 500, all, 0.0),
-        (20.0, Two, 400, some, 0.0),
-        (100.0, Log, 300, all, 0.0),
-        (5.0, Log, 150, all, 0.2),
-        (12.0, Two, 600, none, 0.1),
-        (20.0, Log, 400, all, 0.2),
+        (20.0, Even, 60, ALL, 0.0),
+        (20.0, Log, 500, ALL, 0.0),
+        (20.0, Two, 400, SOME, 0.0),
+        (100.0, Log, 300, ALL, 0.0),
+        (5.0, Log, 150, ALL, 0.2),
+        (12.0, Two, 600, NONE, 0.1),
+        (20.0, Log, 400, ALL, 0.2),
     ];
+    feel_all_pairs(on, &clouds.map(|cloud| (cloud, Search::Grid)));
+}
+
+/// So do those whose neighbours are found without a grid.
+pub fn searches_feel_all_pairs(on: &Subject) {
+    use Spread::{Even, Halves, Log, Two};
+    let clouds = [
+        (1.0, Even, 60, ALL, 0.0),
+        (3.0, Even, 20, SOME, 0.0),
+        (6.5, Halves, 200, ALL, 0.0),
+        (10.0, Log, 300, SOME, 0.0),
+        (10.0, Two, 900, NONE, 0.0),
+        (100.0, Log, 600, ALL, 0.0),
+        (12.0, Two, 600, NONE, 0.1),
+        (20.0, Log, 400, ALL, 0.2),
+    ];
+    let searches = [Search::Bvh, Search::AllPairs];
+    let both: Vec<_> = clouds.iter().flat_map(|cloud| searches.map(|search| (*cloud, search))).collect();
+    feel_all_pairs(on, &both);
+}
+
+fn feel_all_pairs(on: &Subject, clouds: &[(Cloud, Search)]) {
     let specs: Vec<WorldSpec> = (1..)
         .zip(clouds)
-        .map(|(seed, (ratio, spread, count, periodic, skew))| {
-            cloud(ratio, spread, count, periodic, skew, seed)
+        .map(|(seed, ((ratio, spread, count, periodic, skew), search))| {
+            searched(*search, cloud(*ratio, *spread, *count, *periodic, *skew, seed))
         })
         .collect();
     let mut worlds = Together::new(on, specs.clone());

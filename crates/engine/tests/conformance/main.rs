@@ -203,6 +203,8 @@ macro_rules! agreement_suite {
                 grades::wide_gradings_step_as_on_the_cpu,
                 grades::graded_worlds_equal_themselves_in_a_batch,
                 grades::gradings_feel_all_pairs,
+                grades::searches_feel_all_pairs,
+                grades::worlds_of_every_search_equal_themselves_in_a_batch,
                 precision::forces_of_a_packing_at_50_pa_equal_the_reference,
                 deforming::deforming_trajectories_equal_the_reference,
                 bits::threads_change_no_bit,

@@ -117,6 +117,7 @@ impl Scene {
         world.title.clone_from(&self.title);
         world.seed = self.seed;
         world.throughput = self.throughput.unwrap_or(false);
+        world.search = self.search;
         world.materials =
             self.materials.iter().cloned().map(|m| Material { density: weight(m.density), ..m }).collect();
         world.mixing = self.mixing;

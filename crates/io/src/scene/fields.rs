@@ -1,7 +1,7 @@
 //! Every table and key of a scene file. A row here is all that parsing, errors, defaults and the schema
 //! need; `model.rs` says what becomes of the value.
 
-use glebe_engine::spec::Side;
+use glebe_engine::spec::{Search, Side};
 use glebe_physics::{ContactEnd, History, IntegratorKind, MixingRule, ShearModulusRule, Slot};
 
 use super::doors::{INLET, OUTLET};
@@ -16,6 +16,9 @@ pub(crate) const SIDES: Words<SideWord> = words! {
 pub(crate) const INTEGRATORS: Words<IntegratorKind> = words! {
     "euler" => IntegratorKind::Euler, "exact" => IntegratorKind::Exact,
     "adams" => IntegratorKind::Adams, "velocity-verlet" => IntegratorKind::VelocityVerlet,
+};
+pub(crate) const SEARCHES: Words<Search> = words! {
+    "grid" => Search::Grid, "bvh" => Search::Bvh, "all-pairs" => Search::AllPairs,
 };
 pub(crate) const ENDS: Words<ContactEnd> = words! {
     "tension" => ContactEnd::Tension, "no-tension" => ContactEnd::NoTension,
@@ -70,6 +73,13 @@ pub(crate) static SCENE: TableSpec = TableSpec {
              study that is run alone needs them for the same bits.",
         )
         .optional("false, in studies true"),
+        Field::new(
+            "search",
+            Kind::Words(SEARCHES.words),
+            "How particles find those near to them: through the cells of a grid, down a hierarchy of bounding volumes, or by \
+             looking at all, which costs as the square of their number. All find the same and round otherwise.",
+        )
+        .or("\"grid\""),
         Field::new("domain", Kind::Table(&DOMAIN), "The box that the particles are in."),
         Field::new("time", Kind::Table(&TIME_TABLE), "Step, integrator and guard.").or("{}"),
         Field::new("material", Kind::Named(Names::New, &MATERIAL), "Materials by name; `steel` is built in.")

@@ -6,15 +6,17 @@ use glebe_engine::exchange::Outlet;
 use glebe_engine::field::FieldSpec;
 use glebe_engine::generate::SizeDistribution;
 use glebe_engine::spec::{
-    Component, Deformation, Drive, Frustum, Guards, Motion, Oscillation, Rotation, Sampling, Side, Step,
-    Surveyed, Time, Until, Vec3, Window,
+    Component, Deformation, Drive, Frustum, Guards, Motion, Oscillation, Rotation, Sampling, Search, Side,
+    Step, Surveyed, Time, Until, Vec3, Window,
 };
 use glebe_physics::{ContactModel, LawChoice, Material, Mixing, PairLaws, PairOverride, ShearModulusRule};
 
 use super::check::{Checked, Checker, Record};
 use super::doors::{Doors, InletPart, doors};
 use super::error::{Located, Place, SceneError};
-use super::fields::{COMPONENTS, ENDS, HISTORIES, INTEGRATORS, MIXING_RULES, SHAPES, SHEAR_MODULI, SIDES};
+use super::fields::{
+    COMPONENTS, ENDS, HISTORIES, INTEGRATORS, MIXING_RULES, SEARCHES, SHAPES, SHEAR_MODULI, SIDES,
+};
 use super::outputs;
 use super::surveys::survey;
 use super::tools;
@@ -34,6 +36,8 @@ pub struct Scene {
     pub seed: u64,
     /// Whether a GPU takes the kernels for many worlds, if the scene says so.
     pub throughput: Option<bool>,
+    /// How particles find those near to them.
+    pub search: Search,
     /// Gravity \[m/s²\].
     pub gravity: Vec3,
     /// The box that the particles are in.
@@ -301,6 +305,7 @@ pub(crate) fn scene(file: &Record, checker: &mut Checker) -> Scene {
         title: file.text("title"),
         seed: file.integer("seed"),
         throughput: file.has("throughput").then(|| file.flag("throughput")),
+        search: SEARCHES.value(&file.text("search")),
         gravity: file.vector("gravity"),
         domain: domain(&file.table_or_empty("domain"), checker),
         time,

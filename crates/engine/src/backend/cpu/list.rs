@@ -1,18 +1,20 @@
 //! Neighbour lists: which particles and surfaces may touch before the next rebuild.
 //!
-//! Particles are ordered by size level, then by rows of cells along the first axis, then by position along
+//! In the grid particles are ordered by size level, then by rows of cells along the first axis, then by position along
 //! the row. A particle looks through the nine rows around its own in its level and in every coarser one,
 //! within a window along the row: memory follows particles, never empty space, and small particles do not
-//! pay for the cells of large ones.
+//! pay for the cells of large ones. The other searches order them along the curve of [`crate::curve`].
 //!
 //! A list is a pure function of the reference configuration (places at the last rebuild, in their order), so
 //! a checkpoint stores that and not the list.
 
 use rayon::prelude::*;
 
-use crate::lattice::{Lattice, dot, sub};
+use super::tree::Tree;
+use crate::curve::Curve;
+use crate::lattice::{Lattice, UNITS, dot, sub};
 use crate::setup::{BoundaryShape, Constants, LEVEL_RATIO, MEMORY};
-use crate::spec::{Pose, Vec3};
+use crate::spec::{Pose, Search, Vec3};
 use crate::state::{ContactMemory, Particles, Progress, SurfaceMemory};
 use crate::surface::Span;
 
@@ -159,9 +161,10 @@ struct Row {
 }
 
 /// A row and the ranges of particles in the rows around it.
-type Around = ([i32; 2], Vec<(u32, u32)>);
+type RowsAround = ([i32; 2], Vec<(u32, u32)>);
 
-/// Sort key: level, row (third axis before second), units along the row, number.
+/// Sort key: level, row (third axis before second), units along the row, number. Along the curve the code stands for the
+/// units, in one row.
 type Key = (u8, i32, i32, i64, u32);
 
 /// The size level of a radius: radii of a level differ at most by [`LEVEL_RATIO`].
@@ -203,6 +206,16 @@ fn levels(c: &Constants, lattice: &Lattice, p: &Particles, skin: f64) -> Vec<Lev
 
 /// The order in which particles are stored: neighbours in space are neighbours in memory.
 pub fn order(c: &Constants, lattice: &Lattice, p: &Particles, skin: f64) -> Vec<u32> {
+    if c.spec.search != Search::Grid {
+        // The domain as it was at first, so that codes do not change in kind while a cell deforms.
+        let (curve, bits) = (Curve::of(&c.lattice), Curve::bits(p.len()));
+        let share = |i: usize, k: usize| {
+            let at = Lattice::units(p.hi_ref[i][k], p.lo_ref[i][k]).clamp(0, lattice.extent[k] - 1);
+            (at as f64 / lattice.extent[k] as f64 * UNITS) as u32
+        };
+        let code = |i: usize| curve.code(bits, [0, 1, 2].map(|k| share(i, k)));
+        return sorted(p.len(), |i| (0, 0, 0, i64::from(code(i)), p.id[i]));
+    }
     let levels = levels(c, lattice, p, skin);
     let key = |i: usize| -> Key {
         let level = level_of(f64::from(p.place[i].radius), c.radius_max);
@@ -211,7 +224,11 @@ pub fn order(c: &Constants, lattice: &Lattice, p: &Particles, skin: f64) -> Vec<
         let row = [1, 2].map(|k| cell(hi[k], lo[k], cells[k]));
         (level, row[1], row[0], Lattice::units(hi[0], lo[0]), p.id[i])
     };
-    let mut keyed: Vec<(Key, u32)> = (0..p.len()).map(|i| (key(i), i as u32)).collect();
+    sorted(p.len(), key)
+}
+
+fn sorted(count: usize, key: impl Fn(usize) -> Key) -> Vec<u32> {
+    let mut keyed: Vec<(Key, u32)> = (0..count).map(|i| (key(i), i as u32)).collect();
     // Stable and adaptive: particles hardly change places between rebuilds.
     keyed.par_sort();
     keyed.into_iter().map(|(_, i)| i).collect()
@@ -226,22 +243,12 @@ pub fn build(
     memory: &Memory<'_>,
 ) -> Vec<Block> {
     let lattice = &c.lattice_then(g);
-    let mut levels = levels(c, lattice, p, g.skin);
-    let mut along = Vec::with_capacity(p.len());
-    let mut of = Vec::with_capacity(p.len());
-    for i in 0..p.len() {
-        let (hi, lo) = (p.hi_ref[i], p.lo_ref[i]);
-        along.push(Lattice::units(hi[0], lo[0]));
-        let l = level_of(f64::from(p.place[i].radius), c.radius_max);
-        of.push(l);
-        let level = &mut levels[usize::from(l)];
-        let at = [1, 2].map(|k| cell(hi[k], lo[k], level.cells[k]));
-        match level.rows.last_mut() {
-            Some(row) if row.at == at => row.end += 1,
-            _ => level.rows.push(Row { at, begin: i as u32, end: i as u32 + 1 }),
-        }
-    }
-    let search = Search { c, lattice, p, levels: &levels, along: &along, of: &of, skin: g.skin };
+    let finder = match c.spec.search {
+        Search::Grid => Finder::Grid(Rows::new(c, lattice, p, g.skin)),
+        Search::Bvh => Finder::Bvh(Tree::new(p)),
+        Search::AllPairs => Finder::AllPairs,
+    };
+    let search = Around { c, lattice, p, finder: &finder, skin: g.skin };
     let blocks = p.len().div_ceil(BLOCK);
     (0..blocks)
         .into_par_iter()
@@ -254,34 +261,65 @@ pub fn build(
         .collect()
 }
 
-struct Search<'a> {
+/// The grid: levels and their rows.
+struct Rows {
+    levels: Vec<Level>,
+    /// Units along the row of each particle.
+    along: Vec<i64>,
+    /// Level of each particle.
+    of: Vec<u8>,
+}
+
+impl Rows {
+    fn new(c: &Constants, lattice: &Lattice, p: &Particles, skin: f64) -> Self {
+        let mut levels = levels(c, lattice, p, skin);
+        let mut along = Vec::with_capacity(p.len());
+        let mut of = Vec::with_capacity(p.len());
+        for i in 0..p.len() {
+            let (hi, lo) = (p.hi_ref[i], p.lo_ref[i]);
+            along.push(Lattice::units(hi[0], lo[0]));
+            let l = level_of(f64::from(p.place[i].radius), c.radius_max);
+            of.push(l);
+            let level = &mut levels[usize::from(l)];
+            let at = [1, 2].map(|k| cell(hi[k], lo[k], level.cells[k]));
+            match level.rows.last_mut() {
+                Some(row) if row.at == at => row.end += 1,
+                _ => level.rows.push(Row { at, begin: i as u32, end: i as u32 + 1 }),
+            }
+        }
+        Self { levels, along, of }
+    }
+}
+
+/// What finds the particles near one.
+enum Finder {
+    Grid(Rows),
+    Bvh(Tree),
+    AllPairs,
+}
+
+struct Around<'a> {
     c: &'a Constants,
     /// Positions in the cell of the reference.
     lattice: &'a Lattice,
     p: &'a Particles,
-    levels: &'a [Level],
-    along: &'a [i64],
-    of: &'a [u8],
+    finder: &'a Finder,
     skin: f64,
 }
 
-impl Search<'_> {
+impl Around<'_> {
     fn block(&self, first: usize, end: usize) -> Block {
         let mut block = Block { first, start: vec![0], ..Block::default() };
         let mut partners = Vec::with_capacity(8 * (end - first));
-        // Neighbours in the order mostly share their row, and so the rows around it.
-        let mut around: Vec<Around> = vec![([i32::MIN; 2], Vec::new()); self.levels.len()];
+        let mut around = Vec::new();
         for i in first..end {
-            for l in 0..=usize::from(self.of[i]) {
-                let cells = self.levels[l].cells;
-                let at = [1, 2].map(|k| cell(self.p.hi_ref[i][k], self.p.lo_ref[i][k], cells[k]));
-                if around[l].0 != at {
-                    around[l].0 = at;
-                    self.rows_around(at, l, &mut around[l].1);
+            match self.finder {
+                Finder::Grid(rows) => self.through(rows, i, &mut around, &mut partners),
+                Finder::Bvh(tree) => {
+                    let beyond = f64::from(self.p.place[i].radius) + self.c.range + self.skin;
+                    tree.near(self.lattice, self.p, i, beyond, |j| self.candidate(i, j, &mut partners));
                 }
-                for &(begin, end) in &around[l].1 {
-                    self.row(i, l, begin as usize, end as usize, &mut partners);
-                }
+                Finder::AllPairs => (i + 1..self.p.len()).for_each(|j| self.candidate(i, j, &mut partners)),
             }
             block.start.push(partners.len() as u32);
         }
@@ -304,9 +342,23 @@ impl Search<'_> {
         block
     }
 
-    /// The rows of level `l` around the row `center`, each once, in the order of storage.
-    fn rows_around(&self, center: [i32; 2], l: usize, found: &mut Vec<(u32, u32)>) {
-        let level = &self.levels[l];
+    /// Candidates of `i` in the grid. Neighbours in the order mostly share their row, and so the rows around it.
+    fn through(&self, rows: &Rows, i: usize, around: &mut Vec<RowsAround>, partners: &mut Vec<u32>) {
+        around.resize_with(rows.levels.len(), || ([i32::MIN; 2], Vec::new()));
+        for (l, level) in rows.levels.iter().enumerate().take(usize::from(rows.of[i]) + 1) {
+            let at = [1, 2].map(|k| cell(self.p.hi_ref[i][k], self.p.lo_ref[i][k], level.cells[k]));
+            if around[l].0 != at {
+                around[l].0 = at;
+                self.rows_around(at, level, &mut around[l].1);
+            }
+            for &(begin, end) in &around[l].1 {
+                self.row(rows, i, l, begin as usize, end as usize, partners);
+            }
+        }
+    }
+
+    /// The rows of a level around the row `center`, each once, in the order of storage.
+    fn rows_around(&self, center: [i32; 2], level: &Level, found: &mut Vec<(u32, u32)>) {
         found.clear();
         let mut near = [[0_i32; 3]; 2];
         let mut n = [0; 2];
@@ -332,8 +384,8 @@ impl Search<'_> {
     }
 
     /// Candidates of `i` in one row of level `l`.
-    fn row(&self, i: usize, l: usize, begin: usize, end: usize, partner: &mut Vec<u32>) {
-        let same = usize::from(self.of[i]) == l;
+    fn row(&self, rows: &Rows, i: usize, l: usize, begin: usize, end: usize, partners: &mut Vec<u32>) {
+        let same = usize::from(rows.of[i]) == l;
         // Within a level each pair stands at the particle that is stored first.
         let begin = if same { begin.max(i + 1) } else { begin };
         if begin >= end {
@@ -342,25 +394,30 @@ impl Search<'_> {
         let lattice = self.lattice;
         let ri = f64::from(self.p.place[i].radius);
         let beyond = self.c.range + self.skin;
-        let reach =
-            ((ri + self.levels[l].radius + beyond) / lattice.height[0] * crate::lattice::UNITS) as i64 + 1;
+        let reach = ((ri + rows.levels[l].radius + beyond) / lattice.height[0] * UNITS) as i64 + 1;
         let span = i64::from(lattice.windows[0]) << 32;
         let images: &[i64] = if lattice.periodic[0] { &[0, -1, 1] } else { &[0] };
-        let row = &self.along[begin..end];
+        let row = &rows.along[begin..end];
         for &image in images {
-            let at = self.along[i] + image * span;
+            let at = rows.along[i] + image * span;
             let from = row.partition_point(|&x| x < at - reach);
             for (k, &x) in row.iter().enumerate().skip(from) {
                 if x > at + reach {
                     break;
                 }
-                let j = begin + k;
-                let d = self.between(i, j);
-                let s = ri + f64::from(self.p.place[j].radius) + beyond;
-                if dot(d, d) < s * s {
-                    partner.push(j as u32);
-                }
+                self.candidate(i, begin + k, partners);
             }
+        }
+    }
+
+    /// Takes `j` if it is within reach of `i`.
+    #[inline]
+    fn candidate(&self, i: usize, j: usize, partners: &mut Vec<u32>) {
+        let d = self.between(i, j);
+        let [ri, rj] = [i, j].map(|k| f64::from(self.p.place[k].radius));
+        let s = ri + rj + (self.c.range + self.skin);
+        if dot(d, d) < s * s {
+            partners.push(j as u32);
         }
     }
 

@@ -12,6 +12,7 @@ mod integrate;
 mod lanes;
 mod list;
 mod pairs;
+mod tree;
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;

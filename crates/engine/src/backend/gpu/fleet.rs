@@ -78,6 +78,7 @@ struct Buffers {
     spin: Buffer,
     own: Buffer,
     refs: Buffer,
+    tree: Buffer,
     slow: Buffer,
     lists: Buffer,
     nbr: Buffer,
@@ -132,6 +133,7 @@ fn signature(c: &Constants, fused: bool) -> Signature {
         deforms: c.deforms(),
         orthogonal: c.lattice.orthogonal && !c.deforms(),
         graded: classes(c).count() > 1,
+        search: c.spec.search,
         fused,
     }
 }

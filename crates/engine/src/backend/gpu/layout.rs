@@ -9,6 +9,7 @@ use cubecl::prelude::*;
 use glebe_physics::IntegratorKind;
 
 use super::choices::Choices;
+use crate::spec::Search;
 
 /// Four f32.
 pub type F4 = Vector<f32, Const<4>>;
@@ -70,6 +71,8 @@ pub struct Signature {
     pub orthogonal: bool,
     /// Whether particles are of several size classes, see [`crate::classes`].
     pub graded: bool,
+    /// How particles find those near to them.
+    pub search: Search,
     /// Whether the device's `fma` is fused.
     pub fused: bool,
 }
@@ -100,6 +103,11 @@ impl Signature {
     pub fn blocks(&self, padded: usize, rows: usize) -> usize {
         let near = if self.near_blocks() { rows / self.shape.near as usize } else { 0 };
         padded / self.shape.owners as usize + near
+    }
+
+    /// Whether each size class has a grid of its own.
+    pub fn grids(&self) -> bool {
+        self.graded && self.search == Search::Grid
     }
 
     /// Sums of an observation per block.
@@ -145,7 +153,7 @@ pub const PAIR_QUADS: u32 = 8;
 /// Words of the table of worlds; floats as bits.
 pub mod world {
     /// Words per world.
-    pub const WORDS: u32 = 96;
+    pub const WORDS: u32 = 100;
     /// First particle.
     pub const FIRST: u32 = 0;
     /// Number of materials.
@@ -227,6 +235,12 @@ pub mod world {
     pub const GRADES: u32 = 85;
     /// First cell of each class, counted from `CELLS`, and the end of the last.
     pub const CLASSES: u32 = 86;
+    /// Axes of the curve that particles are ordered along (2), see [`crate::curve`].
+    pub const CURVE: u32 = 95;
+    /// First node of the hierarchy over the particles.
+    pub const NODES: u32 = 97;
+    /// Its leaves, a power of two.
+    pub const LEAVES: u32 = 98;
 }
 
 /// Words per unit of strain in `world::PATH`, and per mean radius in `pose::PATH`.

@@ -10,8 +10,10 @@ use cubecl::prelude::*;
 use super::layout::{
     BLOCK, F4, NONE, PERIOD, RELIST, SECOND, SLICE, U4, cell_at, flag, float_at, halt, status, world,
 };
+use super::search;
 use super::step::apart2;
 use crate::setup::{SKIN_MAX, SKIN_MIN, SKIN_WIDER};
+use crate::spec::Search;
 
 /// Skin, as a share of the mean radius, up to which lists are to last for [`PERIOD`].
 const WIDE: f32 = 0.4;
@@ -33,7 +35,7 @@ pub fn begin(
     states: &mut Array<u32>,
     flags: &mut Array<Atomic<u32>>,
     held: &mut Array<u32>,
-    #[comptime] graded: bool,
+    #[comptime] grids: bool,
 ) {
     let w = u32::cast_from(ABSOLUTE_POS);
     if w < count {
@@ -89,7 +91,7 @@ pub fn begin(
                 states[(s + status::CELLS + k) as usize] =
                     u32::cast_from(f32::clamp(cells, 1.0f32, 1.0e5f32));
             }
-            if comptime!(graded) {
+            if comptime!(grids) {
                 let mut largest = float_at(worlds, c + world::RADIUS_MAX);
                 for class in 0..worlds[(c + world::GRADES) as usize] {
                     let reach = 2.0f32 * largest + float_at(worlds, c + world::RANGE) + wanted;
@@ -202,7 +204,7 @@ fn aim(mine: u32, me: u32, kept: bool, place: &Array<U4>, own: &Array<U4>, refs:
     Aim { lo, hi }
 }
 
-/// Counts particles per cell. Particles outside the domain stop the world.
+/// Counts particles per cell, or per box along the curve. Particles outside the domain stop the world.
 #[cube(launch_unchecked)]
 pub fn bin(
     padded: u32,
@@ -215,7 +217,8 @@ pub fn bin(
     refs: &Array<U4>,
     bins: &mut Array<u32>,
     counters: &mut Array<Atomic<u32>>,
-    #[comptime] graded: bool,
+    #[comptime] grids: bool,
+    #[comptime] search: Search,
 ) {
     let w = world_of[CUBE_POS];
     if rebuilding(states, w) {
@@ -244,13 +247,21 @@ pub fn bin(
                     flags[(w * flag::WORDS + flag::HALT) as usize].fetch_max(halt::LEFT);
                 }
             }
-            let class =
-                if comptime!(graded) { class_of(worlds, w, f32::reinterpret(lo[3])) } else { 0u32.runtime() };
-            let p = part(worlds, w, class, graded);
-            let x = cell_of(worlds, states, w, hi[0], lo[0], 0u32, p);
-            let y = cell_of(worlds, states, w, hi[1], lo[1], 1u32, p);
-            let z = cell_of(worlds, states, w, hi[2], lo[2], 2u32, p);
-            let b = bin_of(worlds, states, w, x, y, z, p);
+            let b = if comptime!(search == Search::Grid) {
+                let class = if comptime!(grids) {
+                    class_of(worlds, w, f32::reinterpret(lo[3]))
+                } else {
+                    0u32.runtime()
+                };
+                let p = part(worlds, w, class, grids);
+                let x = cell_of(worlds, states, w, hi[0], lo[0], 0u32, p);
+                let y = cell_of(worlds, states, w, hi[1], lo[1], 1u32, p);
+                let z = cell_of(worlds, states, w, hi[2], lo[2], 2u32, p);
+                bin_of(worlds, states, w, x, y, z, p)
+            } else {
+                let count = states[(s + status::COUNT) as usize];
+                worlds[(c + world::CELLS) as usize] + search::code(worlds, w, count, lo, hi)
+            };
             bins[i as usize] = b;
             counters[b as usize].fetch_add(1u32);
         }
@@ -632,6 +643,34 @@ fn stepped(at: u32, offset: u32, n: u32, periodic: bool) -> u32 {
     select(periodic, select(twice, NONE, wrapped), plain)
 }
 
+/// Counts or writes neighbours as the world's search finds them.
+#[cube]
+fn found(
+    i: u32,
+    w: u32,
+    half: u32,
+    from: u32,
+    room: u32,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    starts: &Array<u32>,
+    refs: &Array<U4>,
+    own: &Array<U4>,
+    tree: &Array<U4>,
+    nbr: &mut Array<u32>,
+    #[comptime] search: Search,
+    #[comptime] writes: bool,
+    #[comptime] orthogonal: bool,
+) -> u32 {
+    if comptime!(search == Search::Grid) {
+        neighbours(i, w, half, from, room, worlds, states, starts, refs, own, nbr, writes, orthogonal)
+    } else {
+        search::neighbours(
+            i, w, half, from, room, worlds, states, refs, own, tree, nbr, search, writes, orthogonal,
+        )
+    }
+}
+
 /// Counts the neighbours of each particle; the longest list of a slice decides its width.
 #[cube(launch_unchecked)]
 pub fn measure(
@@ -642,9 +681,11 @@ pub fn measure(
     starts: &Array<u32>,
     refs: &Array<U4>,
     own: &Array<U4>,
+    tree: &Array<U4>,
     listed: &mut Array<u32>,
     widths: &mut Array<u32>,
     nbr: &mut Array<u32>,
+    #[comptime] search: Search,
     #[comptime] orthogonal: bool,
 ) {
     let w = world_of[CUBE_POS];
@@ -656,7 +697,10 @@ pub fn measure(
         let s = w * status::WORDS;
         let half = (1u32 - states[(s + status::LISTED) as usize]) * padded;
         if i - worlds[(w * world::WORDS + world::FIRST) as usize] < states[(s + status::COUNT) as usize] {
-            n = neighbours(i, w, half, 0u32, 0u32, worlds, states, starts, refs, own, nbr, false, orthogonal);
+            n = found(
+                i, w, half, 0u32, 0u32, worlds, states, starts, refs, own, tree, nbr, search, false,
+                orthogonal,
+            );
         }
         listed[i as usize] = n;
     }
@@ -727,10 +771,12 @@ pub fn fill(
     starts: &Array<u32>,
     refs: &Array<U4>,
     own: &Array<U4>,
+    tree: &Array<U4>,
     listed: &Array<u32>,
     widths: &Array<u32>,
     lists: &mut Array<u32>,
     nbr: &mut Array<u32>,
+    #[comptime] search: Search,
     #[comptime] orthogonal: bool,
 ) {
     let w = world_of[CUBE_POS];
@@ -748,7 +794,9 @@ pub fn fill(
             let n = listed[i as usize];
             lists[i as usize] = n;
             let from = begins + i % SLICE;
-            neighbours(i, w, half, from, n, worlds, states, starts, refs, own, nbr, true, orthogonal);
+            found(
+                i, w, half, from, n, worlds, states, starts, refs, own, tree, nbr, search, true, orthogonal,
+            );
         }
     }
 }

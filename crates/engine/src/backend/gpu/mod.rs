@@ -30,6 +30,7 @@ mod recall;
 mod round;
 mod rows;
 mod scan;
+mod search;
 mod step;
 mod sums;
 mod surfaces;

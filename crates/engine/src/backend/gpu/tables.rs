@@ -2,11 +2,13 @@
 
 use super::choices::Choices;
 use super::layout::{BLOCK, IMAGE_ZERO, NONE, SLICE, boundary, path_word, pose, status, world};
+use super::search::LEAF;
 use crate::backend::common::{runaway_distance, strays};
 use crate::classes::{self, Classes};
+use crate::curve::Curve;
 use crate::lattice::Lattice;
 use crate::setup::{BoundaryShape, Constants, SKIN_MIN};
-use crate::spec::Pose;
+use crate::spec::{Pose, Search};
 use crate::state::Progress;
 use crate::surface::{Placed, Span, rotate};
 
@@ -38,6 +40,8 @@ pub struct Region {
     pub begins: [u32; 3],
     /// How many of each there may be.
     pub rooms: Rooms,
+    /// First node of the hierarchy over its particles.
+    pub nodes: u32,
     /// First pair of materials.
     pub pairs: u32,
     /// First boundary.
@@ -50,13 +54,21 @@ pub fn cell_room(c: &Constants, count: usize) -> u32 {
     cell_rooms(c, count).iter().sum()
 }
 
+/// The leaves of the hierarchy over a world's particles, if it has one: a power of two.
+pub fn leaves(c: &Constants, blocks: u32) -> u32 {
+    if c.spec.search == Search::Bvh { (blocks * BLOCK / LEAF).next_power_of_two() } else { 0 }
+}
+
 /// The size classes of a world's particles.
 pub fn classes(c: &Constants) -> Classes {
     Classes::of(c.radius_min, c.radius_max)
 }
 
-/// The cells of each size class.
+/// The cells of each grid: of size classes, or the boxes along the curve.
 fn cell_rooms(c: &Constants, count: usize) -> Vec<u32> {
+    if c.spec.search != Search::Grid {
+        return vec![(1_u32 << Curve::bits(count)).next_multiple_of(BLOCK)];
+    }
     let classes = classes(c);
     let room = |class| {
         let reach = c.touch() - 2.0 * (c.radius_max - classes.radius(class)) + SKIN_MIN * c.radius_mean;
@@ -121,6 +133,10 @@ pub fn world_row(c: &Constants, r: &Region, series: u32) -> Vec<u32> {
         put(&mut w, world::GRADES, &[class + 1]);
         put(&mut w, world::CLASSES + class + 1, &[first]);
     }
+    // 16 axes a word, the first in the lowest bits.
+    let axes = Curve::of(l).axes;
+    let word = |axes: &[u8]| axes.iter().rev().fold(0, |word, axis| 4 * word + u32::from(*axis));
+    put(&mut w, world::CURVE, &[word(&axes[..16]), word(&axes[16..]), r.nodes, leaves(c, r.blocks)]);
     w
 }
 

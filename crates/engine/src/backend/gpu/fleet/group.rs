@@ -9,7 +9,7 @@ use super::super::layout::{
     BLOCK, FACET_WORDS, NONE, PAIR_QUADS, PERIOD, SLICE, SLOTS, SUMS, Signature, boundary, flag, halt,
     status, world,
 };
-use super::super::tables::{Meshes, Region, Rooms, cell_room, deform, pair_quads, stand, world_row};
+use super::super::tables::{Meshes, Region, Rooms, cell_room, deform, leaves, pair_quads, stand, world_row};
 use super::super::{keep, scan, step};
 use super::{Buffers, CROWD, Group, Lack};
 use crate::backend::PhaseTimes;
@@ -57,7 +57,7 @@ impl Group {
         rooms: &[Rooms],
     ) -> Self {
         let (mut padded, mut cells, mut begins) = (0_u32, 0_u32, [0_u32; 3]);
-        let (mut pairs, mut boundaries) = (0_u32, 0_u32);
+        let (mut pairs, mut boundaries, mut nodes) = (0_u32, 0_u32, 0_u32);
         let mut regions = Vec::new();
         let (mut quads, mut meshes) = (Vec::new(), Meshes::default());
         for ((c, count), room) in worlds.iter().zip(rooms) {
@@ -70,11 +70,14 @@ impl Group {
                 cell_room: cell_room(c, count),
                 begins,
                 rooms: *room,
+                nodes,
                 pairs,
                 boundaries,
             };
             padded += region.blocks * BLOCK;
             cells += region.cell_room;
+            // In a binary heap the root is node 1.
+            nodes += 2 * leaves(c, region.blocks);
             begins[0] += room.lists;
             begins[1] += room.rows;
             begins[2] += room.facets;
@@ -111,6 +114,7 @@ impl Group {
             spin: device.zeros(2 * n, QUAD),
             own: device.zeros(4 * n, QUAD),
             refs: device.zeros(4 * n, QUAD),
+            tree: device.zeros(2 * nodes as usize, QUAD),
             slow: device.zeros(6 * n, QUAD),
             lists: device.zeros(n + n / SLICE as usize, 4),
             nbr: device.zeros(entries, 4),

@@ -7,7 +7,8 @@ use super::super::device::{Buffer, Device, grid};
 use super::super::launch::{Arguments, settings};
 use super::super::layout::{BLOCK, NONE, SLICE, SUMS};
 use super::super::step::Purpose;
-use super::super::{grades, keep, lists, rows, scan, step, sums};
+use super::super::tables::leaves;
+use super::super::{grades, keep, lists, rows, scan, search, step, sums};
 use super::{Group, Report};
 
 impl Group {
@@ -263,7 +264,7 @@ impl Group {
                 self.b.states.arg(),
                 self.b.flags.arg(),
                 self.b.held.arg(),
-                self.signature.graded,
+                self.signature.grids(),
             );
         }
     }
@@ -275,7 +276,6 @@ impl Group {
         let dim = CubeDim::new_1d(BLOCK);
         let by_world = || grid((worlds as usize).div_ceil(BLOCK as usize));
         let by_particle = || grid((n / BLOCK) as usize);
-        let by_slice = || grid((n / SLICE) as usize);
         let client = device.client();
         // SAFETY: kernels stay within the buffers, whose sizes follow from the same layout.
         #[allow(unsafe_code)]
@@ -294,7 +294,8 @@ impl Group {
                 b.refs.arg(),
                 b.bins.arg(),
                 b.counters.arg(),
-                self.signature.graded,
+                self.signature.grids(),
+                self.signature.search,
             );
             self.sum(device, self.cells, &b.counters, &b.starts);
             lists::scatter::launch_unchecked::<R>(
@@ -339,31 +340,8 @@ impl Group {
                 b.slow.arg(),
                 b.renamed.arg(),
             );
-            let graded = self.signature.graded;
-            let measure = if graded {
-                grades::measure::launch_unchecked::<R>
-            } else {
-                lists::measure::launch_unchecked::<R>
-            };
-            let fill =
-                if graded { grades::fill::launch_unchecked::<R> } else { lists::fill::launch_unchecked::<R> };
-            let blocks = || if graded { by_slice() } else { by_particle() };
-            measure(
-                client,
-                blocks(),
-                dim,
-                n,
-                b.world_of.arg(),
-                b.worlds.arg(),
-                b.states.arg(),
-                b.starts.arg(),
-                b.refs.arg(),
-                b.own.arg(),
-                b.listed.arg(),
-                b.widths.arg(),
-                b.nbr.arg(),
-                self.signature.orthogonal,
-            );
+            self.plant(device);
+            self.measure(device);
             self.sum(device, n / SLICE, &b.widths, &b.width_starts);
             if self.signature.surfaces {
                 self.approach(device);
@@ -382,23 +360,7 @@ impl Group {
                 self.signature.surfaces,
             );
             self.keep(device, NONE);
-            fill(
-                client,
-                blocks(),
-                dim,
-                n,
-                b.world_of.arg(),
-                b.worlds.arg(),
-                b.states.arg(),
-                b.starts.arg(),
-                b.refs.arg(),
-                b.own.arg(),
-                b.listed.arg(),
-                b.width_starts.arg(),
-                b.lists.arg(),
-                b.nbr.arg(),
-                self.signature.orthogonal,
-            );
+            self.fill(device);
             let pairs = keep::room(self.rooms[0]) / BLOCK;
             keep::restore::launch_unchecked::<R>(
                 client,
@@ -418,7 +380,7 @@ impl Group {
                 b.nbr.arg(),
                 b.hist.arg(),
                 self.signature.quads(),
-                graded,
+                self.signature.graded,
             );
             if self.signature.surfaces {
                 self.settle(device);
@@ -434,6 +396,126 @@ impl Group {
                 b.row_starts.arg(),
                 self.signature.surfaces,
             );
+        }
+    }
+
+    /// Builds the hierarchies over the particles of worlds that search with them.
+    fn plant<R: Runtime>(&self, device: &Device<R>) {
+        let b = &self.b;
+        let leaves = self.regions.iter().zip(&self.worlds).map(|(r, c)| leaves(c, r.blocks)).max();
+        // SAFETY: the kernel stays within the hierarchies of its worlds, for which the buffer was laid out.
+        #[allow(unsafe_code)]
+        unsafe {
+            for level in 0..leaves.map_or(0, |leaves| u32::BITS - leaves.leading_zeros()) {
+                search::grow::launch_unchecked::<R>(
+                    device.client(),
+                    grid((self.padded / search::LEAF).div_ceil(BLOCK) as usize),
+                    CubeDim::new_1d(BLOCK),
+                    level,
+                    self.padded,
+                    b.world_of.arg(),
+                    b.worlds.arg(),
+                    b.states.arg(),
+                    b.refs.arg(),
+                    b.tree.arg(),
+                );
+            }
+        }
+    }
+
+    /// Counts neighbours.
+    fn measure<R: Runtime>(&self, device: &Device<R>) {
+        let (b, n, s) = (&self.b, self.padded, self.signature);
+        let dim = CubeDim::new_1d(BLOCK);
+        // SAFETY: kernels stay within the buffers, whose sizes follow from the same layout.
+        #[allow(unsafe_code)]
+        unsafe {
+            if s.grids() {
+                grades::measure::launch_unchecked::<R>(
+                    device.client(),
+                    grid((n / SLICE) as usize),
+                    dim,
+                    n,
+                    b.world_of.arg(),
+                    b.worlds.arg(),
+                    b.states.arg(),
+                    b.starts.arg(),
+                    b.refs.arg(),
+                    b.own.arg(),
+                    b.listed.arg(),
+                    b.widths.arg(),
+                    b.nbr.arg(),
+                    s.orthogonal,
+                );
+            } else {
+                lists::measure::launch_unchecked::<R>(
+                    device.client(),
+                    grid((n / BLOCK) as usize),
+                    dim,
+                    n,
+                    b.world_of.arg(),
+                    b.worlds.arg(),
+                    b.states.arg(),
+                    b.starts.arg(),
+                    b.refs.arg(),
+                    b.own.arg(),
+                    b.tree.arg(),
+                    b.listed.arg(),
+                    b.widths.arg(),
+                    b.nbr.arg(),
+                    s.search,
+                    s.orthogonal,
+                );
+            }
+        }
+    }
+
+    /// Writes lists.
+    fn fill<R: Runtime>(&self, device: &Device<R>) {
+        let (b, n, s) = (&self.b, self.padded, self.signature);
+        let dim = CubeDim::new_1d(BLOCK);
+        // SAFETY: kernels stay within the buffers, whose sizes follow from the same layout.
+        #[allow(unsafe_code)]
+        unsafe {
+            if s.grids() {
+                grades::fill::launch_unchecked::<R>(
+                    device.client(),
+                    grid((n / SLICE) as usize),
+                    dim,
+                    n,
+                    b.world_of.arg(),
+                    b.worlds.arg(),
+                    b.states.arg(),
+                    b.starts.arg(),
+                    b.refs.arg(),
+                    b.own.arg(),
+                    b.listed.arg(),
+                    b.width_starts.arg(),
+                    b.lists.arg(),
+                    b.nbr.arg(),
+                    s.orthogonal,
+                );
+            } else {
+                lists::fill::launch_unchecked::<R>(
+                    device.client(),
+                    grid((n / BLOCK) as usize),
+                    dim,
+                    n,
+                    b.world_of.arg(),
+                    b.worlds.arg(),
+                    b.states.arg(),
+                    b.starts.arg(),
+                    b.refs.arg(),
+                    b.own.arg(),
+                    b.tree.arg(),
+                    b.listed.arg(),
+                    b.width_starts.arg(),
+                    b.lists.arg(),
+                    b.nbr.arg(),
+                    s.search,
+                    s.orthogonal,
+                );
+            }
         }
     }
 
