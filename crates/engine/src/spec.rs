@@ -115,6 +115,20 @@ pub enum Search {
     AllPairs,
 }
 
+impl Search {
+    /// Every search.
+    pub const ALL: [Self; 3] = [Self::Grid, Self::Bvh, Self::AllPairs];
+
+    /// Name in files and on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Grid => "grid",
+            Self::Bvh => "bvh",
+            Self::AllPairs => "all-pairs",
+        }
+    }
+}
+
 /// The space of a world: the parallelepiped `origin + C·[0,1]³`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Domain {

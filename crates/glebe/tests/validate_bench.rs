@@ -55,7 +55,7 @@ fn a_tiny_bed_gives_rates_as_json_and_is_kept() {
         assert_eq!((&bed["mode"], &bed["rate_over_settled"]), (&json!("settled"), &Value::Null));
     }
     assert_eq!(serde_json::from_slice::<Value>(&std::fs::read(&file).unwrap()).unwrap(), result);
-    assert!(result["cost_exponent"]["settled"]["mono"].is_number());
+    assert!(result["cost_exponent"]["grid"]["settled"]["mono"].is_number());
 
     // Several worlds of a bed, the first as it was.
     let together =
@@ -63,6 +63,17 @@ fn a_tiny_bed_gives_rates_as_json_and_is_kept() {
     let bed = &together["beds"][0];
     assert_eq!((&bed["worlds"], &bed["lost"], &bed["bed_from_cache"]), (&json!(3), &json!(0), &json!(true)));
     assert!(number(&bed["particle_steps_per_second"]["median"]) > 0.0);
+
+    // Every search in turn, with the same contacts.
+    let searches = ["--beds", "mono", "--flowing", "none", "--search", "grid,bvh,all-pairs", "--repeat", "1"];
+    let found = measured(folder.path(), &[&["--sizes", "300"][..], &searches].concat());
+    let beds = found["beds"].as_array().unwrap();
+    assert_eq!(beds.iter().map(|bed| &bed["search"]).collect::<Vec<_>>(), ["grid", "bvh", "all-pairs"]);
+    for bed in beds {
+        assert!(number(&bed["particle_steps_per_second"]["median"]) > 0.0);
+        assert!((number(&bed["coordination"]) - number(&beds[0]["coordination"])).abs() < 0.05, "{bed:#}");
+        assert_eq!(bed["time_per_contact_over_mono"], 1.0);
+    }
 
     let settled = ["--sizes", "300", "--beds", "poly", "--flowing", "none", "--steps", "10"];
     let written = folder.path().join("written");
@@ -184,9 +195,11 @@ fn rates_are_told_beside_those_of_an_earlier_run_of_the_same() {
     assert_eq!(now["beds"][1]["rate_over_earlier"], Value::Null);
     let table = bench(folder.path(), &[&args("300,400", "50")[..], &["--compare", &first]].concat());
     let text = String::from_utf8_lossy(&table.stdout);
-    for part in
-        ["rates over those in", "settled mono bed of 300 particles: ", "of 400 particles: not timed then"]
-    {
+    for part in [
+        "rates over those in",
+        "settled mono bed of 300 particles, grid: ",
+        "of 400 particles, grid: not timed then",
+    ] {
         assert!(text.contains(part), "no `{part}` in {text}");
     }
 

@@ -8,7 +8,9 @@ use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Blind, Status, positions};
 use glebe_engine::generate::{FillRequest, GenerateError, Region, generate, solid_volume};
 use glebe_engine::lattice::{add, cross};
-use glebe_engine::spec::{Deformation, Domain, Drive, Side, Stage, Step, Time, Until, Vec3, WorldSpec};
+use glebe_engine::spec::{
+    Deformation, Domain, Drive, Search, Side, Stage, Step, Time, Until, Vec3, WorldSpec,
+};
 use glebe_engine::state::State;
 use glebe_engine::{Constants, prepare};
 use glebe_io::checkpoint::{self, Header};
@@ -266,6 +268,7 @@ impl Bed {
     pub fn constants(
         &self,
         steps: u64,
+        search: Search,
         ledger: bool,
         among: Option<f64>,
     ) -> Result<Arc<Constants>, BenchError> {
@@ -281,6 +284,7 @@ impl Bed {
         let mut world = self.world(&radii, |_| inside, steps, ledger)?;
         world.materials[0].friction *= 1.0 - among.unwrap_or(0.0);
         world.throughput = among.is_some();
+        world.search = search;
         Ok(prepare(world)?.0)
     }
 
@@ -334,7 +338,7 @@ impl Bed {
     /// Writes the prepared bed as `<bed>-<mode>-<particles>.csv`: a row of place \[m\], radius \[m\] and velocity
     /// \[m/s\] per particle, in the order of their numbers.
     pub fn write(&self, prepared: &Prepared, folder: &Path) -> Result<(), BenchError> {
-        let constants = self.constants(1, false, None)?;
+        let constants = self.constants(1, Search::Grid, false, None)?;
         let particles = &prepared.state.particles;
         let mut rows: Vec<_> = positions(&constants, &prepared.state)
             .into_iter()

@@ -127,7 +127,7 @@ fn rates(bed: &Map<String, Value>) -> Option<Rates> {
 
 /// Whether two beds are meant to be the same.
 fn same_name(bed: &Value, then: &Map<String, Value>) -> bool {
-    ["bed", "mode", "particles"].into_iter().all(|key| then.get(key) == Some(&bed[key]))
+    ["bed", "mode", "particles", "search"].into_iter().all(|key| then.get(key) == Some(&bed[key]))
 }
 
 /// What of `now` is another then.

@@ -24,6 +24,7 @@ use glebe_engine::SetupError;
 use glebe_engine::backend::{Backend, Unavailable};
 use glebe_engine::batch::Status;
 use glebe_engine::generate::GenerateError;
+use glebe_engine::spec::Search;
 use glebe_io::checkpoint::CheckpointError;
 use glebe_io::output::{OutputError, write_atomic};
 use glebe_io::tool::ToolError;
@@ -47,6 +48,7 @@ Examples:
   glebe bench --sizes none --tools sweep,fine-sweep,rotor
   glebe bench --sizes none --tools sweep --worlds 60
   glebe bench --sizes none --samples 2000 --worlds 400
+  glebe bench --sizes 10k --flowing none --search grid,bvh
   glebe bench --sizes 10k,100k,1M --repeat 5 --out bench.json
   glebe bench --sizes 10k,100k,1M --repeat 5 --compare bench.json
 
@@ -58,6 +60,7 @@ Samples are mono spheres in a periodic cell at 100 kPa, compressed along z at an
 of 1e-3 with the stress across held.
 
 Columns of the table:
+  search      how particles find those near to them
   particles   of a world
   rate        particle-steps a second of all worlds, median of the repeats
   best        largest rate of the repeats
@@ -65,7 +68,7 @@ Columns of the table:
   steps/list  steps from one rebuild of the neighbour lists to the next
   contacts    contacts of a particle
   ns/contact  wall time of a step over the contacts in it, a pair counting once
-  of mono     ns/contact over that of the settled mono bed of as many particles
+  of mono     ns/contact over that of the settled mono bed of as many particles, the same search
   of settled  rate over that of the same spheres settled; both ratios are medians over repeats,
               in which the beds of one size take turns
   bytes/p     memory per particle
@@ -101,6 +104,9 @@ pub struct BenchArgs {
     /// Numbers of particles in periodic samples that are also timed, compressed along one axis
     #[arg(long, value_name = "N,…", value_delimiter = ',', value_parser = count)]
     pub samples: Vec<usize>,
+    /// How particles find those near to them: grid, bvh (a hierarchy of bounding volumes) or all-pairs; several take turns
+    #[arg(long, value_name = "SEARCH,…", value_delimiter = ',', default_value = "grid", value_parser = search)]
+    pub search: Vec<Search>,
     /// Worlds that begin with each bed and run together; their friction differs by up to a tenth
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub worlds: u32,
@@ -144,6 +150,11 @@ fn flowing(text: &str) -> Result<Flowing, String> {
     let kind = BedKind::ALL.into_iter().find(|kind| kind.name() == text);
     kind.map(|kind| Flowing(Some(kind)))
         .ok_or_else(|| format!("write {} or none", BedKind::ALL.map(BedKind::name).join(", ")))
+}
+
+fn search(text: &str) -> Result<Search, String> {
+    let found = Search::ALL.into_iter().find(|search| search.name() == text);
+    found.ok_or_else(|| format!("write {}", Search::ALL.map(Search::name).join(", ")))
 }
 
 /// A number of particles, or the word that stands for none.
@@ -222,7 +233,10 @@ pub fn run(args: &BenchArgs, ui: &Ui) -> Result<(), BenchError> {
         chosen.note.iter().for_each(|line| ui.note(line));
         let device = chosen.backend.device();
         if let Some(earlier) = &earlier {
-            let beds = beds(args).into_iter().flatten().map(|bed| report::bed(&bed, args.worlds as usize));
+            let beds = beds(args).into_iter().flatten().flat_map(|bed| {
+                let worlds = args.worlds as usize;
+                args.search.iter().map(move |search| report::bed(&bed, *search, worlds))
+            });
             earlier.fits(&report::settings(args, &device), &beds.collect::<Result<Vec<_>, _>>()?)?;
         }
         let rows = measure(args, chosen.backend, ui)?;
@@ -275,15 +289,19 @@ fn measure(args: &BenchArgs, backend: Backend, ui: &Ui) -> Result<Vec<Row>, Benc
             if let Some(folder) = &args.write_beds {
                 bed.write(&ready, folder)?;
             }
-            prepared.push((Row::new(bed, args.worlds as usize, &ready, args.steps), ready));
+            let row = |search: &Search| Row::new(bed, *search, args.worlds as usize, &ready, args.steps);
+            prepared.push((args.search.iter().map(row).collect::<Vec<_>>(), ready));
         }
         for repeat in 1..=args.repeat {
-            for (row, ready) in &mut prepared {
-                ui.note(&format!("timing the {}: {repeat} of {}", row.bed, args.repeat));
-                row.time(ready, args.ledger, backend)?;
+            for (of_bed, ready) in &mut prepared {
+                for row in of_bed {
+                    let (bed, search) = (row.bed, row.search.name());
+                    ui.note(&format!("timing the {bed}, {search}: {repeat} of {}", args.repeat));
+                    row.time(ready, args.ledger, backend)?;
+                }
             }
         }
-        rows.extend(prepared.into_iter().map(|(row, _)| row));
+        rows.extend(prepared.into_iter().flat_map(|(of_bed, _)| of_bed));
     }
     Ok(rows)
 }

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use glebe_engine::spec::Search;
 use serde_json::{Value, json};
 
 use super::bed::{Bed, Mode, SAMPLE_STEPS, WARM_UP};
@@ -28,7 +29,7 @@ pub fn settings(args: &BenchArgs, device: &str) -> Value {
 }
 
 /// What a bed is.
-pub fn bed(bed: &Bed, worlds: usize) -> Result<Value, BenchError> {
+pub fn bed(bed: &Bed, search: Search, worlds: usize) -> Result<Value, BenchError> {
     let drum = bed.drum()?.map(|drum| {
         json!({
             "radius_m": drum.radius,
@@ -42,6 +43,7 @@ pub fn bed(bed: &Bed, worlds: usize) -> Result<Value, BenchError> {
         "bed": bed.kind.name(),
         "mode": bed.mode.name(),
         "particles": bed.count,
+        "search": search.name(),
         "worlds": worlds,
         "radii_m": bed.kind.radii(),
         "grading": bed.kind.grading(),
@@ -56,14 +58,14 @@ pub fn bed(bed: &Bed, worlds: usize) -> Result<Value, BenchError> {
 /// What a bed is called, by how results define it.
 pub fn bed_name(bed: &Value) -> String {
     let word = |key: &str| bed[key].as_str().unwrap_or("?").to_owned();
-    format!("{} {} bed of {} particles", word("mode"), word("bed"), bed["particles"])
+    format!("{} {} bed of {} particles, {}", word("mode"), word("bed"), bed["particles"], word("search"))
 }
 
 pub fn json(rows: &[Row], args: &BenchArgs, device: &str) -> Result<Value, BenchError> {
     let mut beds = Vec::new();
     for r in rows {
         let [least, largest] = r.range();
-        let mut found = bed(&r.bed, r.worlds)?;
+        let mut found = bed(&r.bed, r.search, r.worlds)?;
         let measured = json!({
             "lost": r.lost,
             "first_step_s": r.first_step,
@@ -89,16 +91,19 @@ pub fn json(rows: &[Row], args: &BenchArgs, device: &str) -> Result<Value, Bench
         }
         beds.push(found);
     }
-    let exponents = Mode::ALL.map(|mode| {
-        let fitted = exponents(rows).into_iter().filter(|fit| fit.1 == mode);
-        (mode.name().to_owned(), object(fitted.map(|(kind, _, p)| (kind.name(), p))))
-    });
+    let of_search = |search: Search| {
+        let exponents = Mode::ALL.map(|mode| {
+            let fitted = exponents(rows, search).into_iter().filter(|fit| fit.1 == mode);
+            (mode.name().to_owned(), object(fitted.map(|(kind, _, p)| (kind.name(), p))))
+        });
+        (search.name().to_owned(), Value::from(serde_json::Map::from_iter(exponents)))
+    };
     Ok(json!({
         "version": env!("CARGO_PKG_VERSION"),
         "settings": settings(args, device),
         "repeat": args.repeat,
         "beds": beds,
-        "cost_exponent": exponents.into_iter().collect::<serde_json::Map<_, _>>(),
+        "cost_exponent": args.search.iter().map(|search| of_search(*search)).collect::<serde_json::Map<_, _>>(),
     }))
 }
 
@@ -108,7 +113,8 @@ fn object(entries: impl Iterator<Item = (&'static str, f64)>) -> Value {
 
 /// The row of the settled bed of that kind and as many particles as `r`.
 fn settled<'a>(rows: &'a [Row], kind: BedKind, r: &Row) -> Option<&'a Row> {
-    rows.iter().find(|s| s.bed == Bed { kind, mode: Mode::Settled, count: r.bed.count })
+    let bed = Bed { kind, mode: Mode::Settled, count: r.bed.count };
+    rows.iter().find(|s| s.bed == bed && s.search == r.search)
 }
 
 /// Of a flowing bed, its rate over that of the same spheres settled.
@@ -143,9 +149,10 @@ pub fn table(rows: &[Row], args: &BenchArgs, device: &str) -> String {
         }
     ));
     let mut head = format!(
-        "{:<5} {:<10} {:>9} {:>7} {:>7} {:>7} {:>10} {:>8} {:>10} {:>7} {:>10} {:>7} {:>6}",
+        "{:<5} {:<10} {:<9} {:>9} {:>7} {:>7} {:>7} {:>10} {:>8} {:>10} {:>7} {:>10} {:>7} {:>6}",
         "bed",
         "mode",
+        "search",
         "particles",
         "rate",
         "best",
@@ -164,9 +171,10 @@ pub fn table(rows: &[Row], args: &BenchArgs, device: &str) -> String {
     line(format_args!("{head}"));
     for r in rows {
         let mut row = format!(
-            "{:<5} {:<10} {:>9} {:>7.2} {:>7.2} {:>6.1}% {:>10} {:>8.2} {:>10.1} {:>7} {:>10} {:>7.0} {:>6.2}",
+            "{:<5} {:<10} {:<9} {:>9} {:>7.2} {:>7.2} {:>6.1}% {:>10} {:>8.2} {:>10.1} {:>7} {:>10} {:>7.0} {:>6.2}",
             r.bed.kind.name(),
             r.bed.mode.name(),
+            r.search.name(),
             r.bed.count,
             1e-6 * r.median(),
             1e-6 * r.range()[1],
@@ -184,8 +192,14 @@ pub fn table(rows: &[Row], args: &BenchArgs, device: &str) -> String {
         }
         line(format_args!("{row}"));
     }
-    for (kind, mode, exponent) in exponents(rows) {
-        line(format_args!("{} {}: the cost of a step grows as N^{exponent:.3}", mode.name(), kind.name()));
+    for search in &args.search {
+        for (kind, mode, exponent) in exponents(rows, *search) {
+            let (kind, mode) = (kind.name(), mode.name());
+            line(format_args!(
+                "{mode} {kind}, {}: the cost of a step grows as N^{exponent:.3}",
+                search.name()
+            ));
+        }
     }
     text
 }
@@ -194,11 +208,11 @@ fn shown(value: Option<f64>, format: impl Fn(f64) -> String) -> String {
     value.map_or_else(|| "-".to_owned(), format)
 }
 
-/// For beds of two or more sizes, the exponent p of `time of a step ∝ N^p`.
-fn exponents(rows: &[Row]) -> Vec<(BedKind, Mode, f64)> {
+/// For beds of two or more sizes and a search, the exponent p of `time of a step ∝ N^p`.
+fn exponents(rows: &[Row], search: Search) -> Vec<(BedKind, Mode, f64)> {
     let beds = BedKind::ALL.into_iter().flat_map(|kind| Mode::ALL.map(|mode| (kind, mode)));
     let fitted = beds.map(|(kind, mode)| {
-        let of_kind = || rows.iter().filter(|r| (r.bed.kind, r.bed.mode) == (kind, mode));
+        let of_kind = || rows.iter().filter(|r| (r.bed.kind, r.bed.mode, r.search) == (kind, mode, search));
         let n: Vec<f64> = of_kind().map(|r| r.bed.count as f64).collect();
         let cost: Vec<f64> = of_kind().map(|r| r.bed.count as f64 / r.median()).collect();
         (kind, mode, power_law(&n, &cost))

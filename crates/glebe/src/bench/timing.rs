@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Blind, Status};
+use glebe_engine::spec::Search;
 use rayon::prelude::*;
 
 use super::BenchError;
@@ -22,6 +23,8 @@ const SMOOTHER: f64 = 0.1;
 pub struct Row {
     /// The bed.
     pub bed: Bed,
+    /// How its particles find those near to them.
+    pub search: Search,
     /// Worlds that began with it.
     pub worlds: usize,
     /// Whether it came prepared from the cache.
@@ -53,9 +56,10 @@ pub struct Row {
 
 impl Row {
     /// Nothing measured yet.
-    pub fn new(bed: Bed, worlds: usize, prepared: &Prepared, steps: u64) -> Self {
+    pub fn new(bed: Bed, search: Search, worlds: usize, prepared: &Prepared, steps: u64) -> Self {
         Self {
             bed,
+            search,
             worlds,
             cached: prepared.cached,
             prepare_steps: prepared.state.progress.step,
@@ -120,7 +124,7 @@ impl Row {
         let among = |world: usize| many.then(|| SMOOTHER * world as f64 / self.worlds as f64);
         let constants: Vec<_> = (0..self.worlds)
             .into_par_iter()
-            .map(|world| self.bed.constants(self.steps, ledger, among(world)))
+            .map(|world| self.bed.constants(self.steps, self.search, ledger, among(world)))
             .collect::<Result<_, _>>()?;
         admit(backend, &constants)?;
         let began = Instant::now();

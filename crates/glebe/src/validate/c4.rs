@@ -30,7 +30,6 @@ const PAPER: f64 = 9.8;
 fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let (samples, grains, steps): (usize, usize, u64) =
         if trial.quick { (20, 400, 100) } else { (100, 2000, 2000) };
-    let repeats = if trial.quick { 1 } else { 3 };
     let mut found = Findings::default();
     let worlds = (1..=samples).map(|seed| world(grains, seed, steps)).collect::<Result<Vec<_>, _>>()?;
     let (mut together, mut times, mut first) = (Vec::new(), Vec::new(), Vec::new());
@@ -38,7 +37,7 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     for each in [1, samples / 10, samples / 2, samples] {
         let (mut time, mut hashes) = (0.0, Vec::new());
         for batch in worlds.chunks(each) {
-            let (seconds, of_batch) = timed(batch.to_vec(), trial, steps, repeats)?;
+            let (seconds, of_batch) = timed(batch.to_vec(), trial, steps)?;
             time += seconds;
             hashes.extend(of_batch);
         }

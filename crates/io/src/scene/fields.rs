@@ -18,7 +18,8 @@ pub(crate) const INTEGRATORS: Words<IntegratorKind> = words! {
     "adams" => IntegratorKind::Adams, "velocity-verlet" => IntegratorKind::VelocityVerlet,
 };
 pub(crate) const SEARCHES: Words<Search> = words! {
-    "grid" => Search::Grid, "bvh" => Search::Bvh, "all-pairs" => Search::AllPairs,
+    Search::Grid.name() => Search::Grid, Search::Bvh.name() => Search::Bvh,
+    Search::AllPairs.name() => Search::AllPairs,
 };
 pub(crate) const ENDS: Words<ContactEnd> = words! {
     "tension" => ContactEnd::Tension, "no-tension" => ContactEnd::NoTension,
