@@ -149,14 +149,14 @@ fn run(trial: Trial<'_>) -> Result<Findings, CaseError> {
     let on_device = !trial.quick && !Backend::ALL.contains(&trial.backend);
     let more: &[usize] = if on_device { &MORE_GRAINS } else { &[] };
     let counts = [size.grains, more].concat();
-    let costs = SEARCHES.map(|search| {
-        let cost = |grains: &usize| {
-            Ok(timed(vec![with(search, world(*grains, 1, size.steps)?)], trial, size.steps)?.0)
-        };
-        counts.iter().map(cost).collect::<Result<Vec<f64>, CaseError>>()
-    });
-    let [grid, bvh] = costs;
-    let figure = scaling(&mut found, trial, "grains", "one sample", &counts, &[grid?, bvh?]);
+    let mut costs = SEARCHES.map(|_| Vec::new());
+    for &grains in &counts {
+        let world = world(grains, 1, size.steps)?;
+        for (costs, search) in costs.iter_mut().zip(SEARCHES) {
+            costs.push(timed(vec![with(search, world.clone())], trial, size.steps)?.0);
+        }
+    }
+    let figure = scaling(&mut found, trial, "grains", "one sample", &counts, &costs);
     found.figures.push(("grains", figure));
 
     let mut together = SEARCHES.map(|_| Vec::new());
