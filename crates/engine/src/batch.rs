@@ -348,9 +348,11 @@ impl Batch {
         let mut sound = Vec::new();
         for (w, outcome) in outcomes {
             match outcome {
-                Ok(()) => sound.push(w),
+                Ok(()) if self.worlds[w].rests() => sound.push(w),
+                Ok(()) => {}
                 Err(failure) => self.worlds[w].status = Status::Failed(failure),
             }
+            self.turn_upright(w);
         }
         let asked: Vec<_> = sound.iter().map(|&w| (w, &self.worlds[w].progress)).collect();
         let moments = self.fleet.observe(&asked);
@@ -501,6 +503,21 @@ impl Batch {
         removed
     }
 
+    /// Tells a sample whose cell has come to lean in one that leans less.
+    fn turn_upright(&mut self, w: usize) {
+        let world = &self.worlds[w];
+        if world.status != Status::Running || world.progress.cell.is_none_or(|cell| cell.leaning().is_none())
+        {
+            return;
+        }
+        if let Some(mut state) = self.state(w).upright(&self.worlds[w].constants)
+            && !self.fails(w)
+        {
+            self.fleet.load(w, &mut state);
+            self.worlds[w].progress = state.progress;
+        }
+    }
+
     /// Lets inlets and outlets act that are due.
     fn exchange(&mut self, w: usize) {
         let c = self.worlds[w].constants.clone();
@@ -623,14 +640,26 @@ impl World {
         self.progress.step as f64 * self.constants.dt
     }
 
-    /// Steps to the next sample or the stage's end by time, whichever is first.
+    /// Steps to the next sample or the stage's end by time, whichever is first, or until the cell leans too much.
     fn steps_to_go(&self) -> u64 {
         let g = &self.progress;
         let to_sample = self.every - g.step % self.every;
-        match self.stage_steps() {
+        let steps = match self.stage_steps() {
             Some(limit) => to_sample.min(g.stage_since.saturating_add(limit).saturating_sub(g.step)).max(1),
             None => to_sample,
+        };
+        let deformation = self.constants.spec.stages[g.stage].deformation.as_ref();
+        match (&g.cell, deformation) {
+            (Some(cell), Some(d)) => cell.steps_upright(d, self.constants.dt, steps),
+            _ => steps,
         }
+    }
+
+    /// Whether it is at a sample or at the end of its stage.
+    fn rests(&self) -> bool {
+        let g = &self.progress;
+        let ended = self.stage_steps().is_some_and(|limit| g.step - g.stage_since >= limit);
+        g.step.is_multiple_of(self.every) || ended
     }
 
     /// The most steps that the present stage takes.

@@ -10,6 +10,12 @@
 //! U is an upper triangle: the first cell vector keeps its direction, and the second stays in the plane of the first
 //! two.
 //!
+//! A cell that shears on and on would lean ever more. The images of all particles are those of a lattice, which other
+//! cells have too: where a vector has come to lean by more than [`LEAN`] of the length that it leans along, whole periods
+//! are taken off it, and places are told in the new cell. Neither forces nor motions change by that, so a sample may shear
+//! without end (Lees and Edwards, J. Phys. C 5, 1921, 1972, doi 10.1088/0022-3719/5/15/006, with seams that slide
+//! instead).
+//!
 //! A component of U is prescribed, or a servo goes for a stress: every few steps, the same number on every backend, it
 //! looks at the stress and sets a rate for the steps to come, in proportion to what is missing, with a part that adds
 //! up. What a strain would do to the stress it takes from the sample: the stiffness of its contacts, as if each
@@ -46,6 +52,12 @@ pub const STEP_GROWTH: f64 = 1.0 + 6.0 * STRAIN_PER_STEP;
 /// than two of them the cell may go on, so each axis may shorten to 55 % before that; cells of one window to two
 /// cut-offs.
 pub const WINDOW: f64 = 3.6;
+
+/// Share of a length up to which a cell vector leans along it. More than a half, so that a shear to and fro does not turn
+/// the cell again and again.
+pub const LEAN: f64 = 0.55;
+/// Strain after which a cell whose shear follows a stress is looked at again.
+const LOOK: f64 = 0.1;
 
 /// Share of a missing stress that the servo makes good until it looks again.
 const GAIN: f64 = 0.3;
@@ -153,6 +165,41 @@ impl Cell {
     /// The affine map of the next step `dt` \[s\], `I + U Δt`.
     pub fn map(&self, dt: f64) -> Vec3x3 {
         [0, 1, 2].map(|a| [0, 1, 2].map(|b| f64::from(u8::from(a == b)) + dt * self.gradient[a][b]))
+    }
+
+    /// The periods to take off: of the second vector off the third, of the first off the third, of the first off the
+    /// second; none if the cell leans little.
+    pub fn leaning(&self) -> Option<[i64; 3]> {
+        let [[x, xy, xz], [_, y, yz], _] = self.matrix;
+        let off =
+            |lean: f64, length: f64| if lean.abs() > LEAN * length { (lean / length).round() } else { 0.0 };
+        let yz = off(yz, y);
+        let off = [yz, off(xz - yz * xy, x), off(xy, x)];
+        (off != [0.0; 3]).then(|| off.map(|n| n as i64))
+    }
+
+    /// The cell with these periods taken off, of the same images.
+    pub fn upright(&mut self, [yz, xz, xy]: [i64; 3]) {
+        for [a, b, c] in &mut self.matrix {
+            *c -= yz as f64 * *b + xz as f64 * *a;
+            *b -= xy as f64 * *a;
+        }
+    }
+
+    /// Steps `dt` \[s\] of at most `most` until the cell leans too much, where its rates of shear stay what they are, or
+    /// until it should be looked at where they follow the servo of `d`.
+    pub fn steps_upright(&self, d: &Deformation, dt: f64, most: u64) -> u64 {
+        let followed = d.drive[3..].iter().any(|drive| matches!(drive, Drive::Stress(_)));
+        let most = if followed { most.min((LOOK / STRAIN_PER_STEP) as u64) } else { most };
+        if self.gradient[0][1] == 0.0 && self.gradient[0][2] == 0.0 && self.gradient[1][2] == 0.0 {
+            return most;
+        }
+        let mut cell = *self;
+        let upright = |_: &u64| {
+            cell.step(dt);
+            cell.leaning().is_none()
+        };
+        (1..most).take_while(upright).count() as u64 + 1
     }
 
     /// Makes the present cell the one that lists are made of.

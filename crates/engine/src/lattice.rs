@@ -158,6 +158,24 @@ impl Lattice {
         add(self.origin, mul(&self.unit, [u(0), u(1), u(2)]))
     }
 
+    /// The same place, or an image of it, where `periods` of the cell vector `onto` are taken off the vector `of`; both
+    /// axes wrap. What is rounded is far below a unit.
+    pub fn turned(&self, mut e: Encoded, onto: usize, of: usize, periods: i64) -> Encoded {
+        let [n, m] = [onto, of].map(|k| i128::from(self.windows[k]));
+        // The vector was the new one and so many periods along `onto`.
+        let slid = i128::from(periods) * n;
+        let along = slid * i128::from(Self::units(e.hi[of], e.lo[of]));
+        let below = (along.rem_euclid(m) as f64 + slid as f64 * f64::from(e.rest[of])) / m as f64;
+        let rest = f64::from(e.rest[onto]) + below;
+        let whole =
+            i128::from(Self::units(e.hi[onto], e.lo[onto])) + along.div_euclid(m) + rest.round() as i128;
+        let units = whole.rem_euclid(n << 32) as i64;
+        e.rest[onto] = (rest - rest.round()) as f32;
+        e.hi[onto] = (units >> 32) as i32;
+        e.lo[onto] = units as u32;
+        e
+    }
+
     /// Units from the origin along an axis, without the rest.
     pub fn units(hi: i32, lo: u32) -> i64 {
         (i64::from(hi) << 32) + i64::from(lo)

@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use crate::bytes::BytesError;
 use crate::cell::Cell;
 use crate::exchange::{Flow, InletState};
-use crate::lattice::norm;
+use crate::lattice::{Encoded, norm};
 use crate::setup::Constants;
 use crate::spec::{Component, Pose, Vec3, Window};
 use crate::surface::Placed;
@@ -421,6 +421,29 @@ pub struct State {
 }
 
 impl State {
+    /// The same sample told in a cell that leans less, see [`Cell::leaning`]; none if the cell leans little.
+    pub fn upright(&self, c: &Constants) -> Option<Self> {
+        let [yz, xz, xy] = self.progress.cell?.leaning()?;
+        let mut state = self.clone();
+        let p = &mut state.particles;
+        for i in 0..p.len() {
+            let mut e = Encoded { hi: p.hi[i], lo: p.place[i].lo, rest: p.rest[i] };
+            for (onto, of, periods) in [(1, 2, yz), (0, 2, xz), (0, 1, xy)] {
+                if periods != 0 {
+                    e = c.lattice.turned(e, onto, of, periods);
+                }
+            }
+            (p.hi[i], p.place[i].lo, p.rest[i]) = (e.hi, e.lo, e.rest);
+        }
+        state.progress.cell = state.progress.cell.map(|mut cell| {
+            cell.upright([yz, xz, xy]);
+            cell
+        });
+        // The places of the lists are those in the cell before.
+        state.progress.stale = true;
+        Some(state)
+    }
+
     /// The particles of this sample with their contacts at the beginning of another world, which was prepared with the
     /// same particles as `fresh`: masses are those of the other world, the cell keeps its shape, and clock, strain and
     /// accounts begin anew.

@@ -346,6 +346,139 @@ pub fn a_cell_that_becomes_too_narrow_stops(on: &Subject) {
     assert!(failure.what.contains("across its second and third vectors"), "{failure:?}");
 }
 
+/// Spheres of 1 to 1.5 mm apart from each other in a cell that leans by the share `lean` of its first vector, moving and
+/// spinning, with friction, sheared on.
+fn leaning(lean: f64, seed: u64) -> WorldSpec {
+    let side = 0.011;
+    let mut w = cube(side, 2e-6);
+    w.contact = ContactModel { rolling: LawChoice::named("constant-torque"), ..ContactModel::default() };
+    w.materials = vec![grain(0.5, 0.5)];
+    w.domain.cell[0][1] = lean * side;
+    w.domain.cell[1][2] = 0.3 * side;
+    let (constants, _) = prepare(w.clone()).unwrap();
+    let lattice = &constants.lattice;
+    let mut r = Random(seed);
+    let mut bodies: Vec<(Vec3, f64)> = Vec::new();
+    while bodies.len() < 60 {
+        let radius = RADIUS * (1.0 + 0.5 * r.unit());
+        let x = mul(&w.domain.cell, [0; 3].map(|_| r.unit()));
+        let apart = |y: Vec3| {
+            let d = sub(x, y);
+            norm(sub(d, mul(&lattice.cell, lattice.periods(d).map(f64::round))))
+        };
+        if bodies.iter().all(|(y, s)| apart(*y) > s + radius) {
+            bodies.push((x, radius));
+        }
+    }
+    for (x, radius) in bodies {
+        w.particles.push_moving(x, radius, 0, r.vector(2.0), r.vector(50.0));
+    }
+    w.stages[0].deformation = Some(rates([10.0, -10.0, 0.0, -40.0, 20.0, -45.0]));
+    w.sampling.series = 1e-3;
+    w
+}
+
+/// A batch tells samples that lean too much in other cells of the same images, which changes nothing: neither energies nor
+/// how particles go on, with what their contacts remember.
+pub fn a_cell_that_leans_is_told_in_another(on: &Subject) {
+    for integrator in [IntegratorKind::Adams, IntegratorKind::VelocityVerlet] {
+        let (dt, steps) = (2e-6, 400);
+        let mut w = leaning(0.53, 3);
+        w.time.integrator = integrator;
+        w.stages[0].until = Until { at_most: Some(f64::from(steps) * dt), ..Until::default() };
+        let mut straight = Run::new(on, w.clone());
+        straight.steps(u64::from(steps as u32));
+        let mut batch = Batch::new(vec![w], on.backend).map_err(|e| e.1).unwrap();
+        let mut last = batch.moment(0);
+        while batch.running() {
+            let Ok(()) = batch.advance(&mut Blind);
+            last = batch.moment(0);
+        }
+        assert_eq!(batch.status(0), &Status::Done);
+        let (turned, cell) = (batch.progress(0).cell.unwrap(), straight.g.cell.unwrap());
+        assert!(cell.leaning().is_some() && turned.leaning().is_none(), "{:?}", turned.matrix);
+        assert!((determinant(&turned.matrix) / determinant(&cell.matrix) - 1.0).abs() < 1e-12);
+        let other = straight.moment();
+        assert!(other.contacts > 20, "{} contacts", other.contacts);
+        assert_eq!(last.contacts, other.contacts);
+        for (a, b) in [
+            (last.kinetic(), other.kinetic()),
+            (last.elastic_normal, other.elastic_normal),
+            (last.elastic_tangential, other.elastic_tangential),
+        ] {
+            assert!((a - b).abs() < 1e-3 * b, "{a:e} J and {b:e} J");
+        }
+        let resumed = Run::resume(on, batch.constants(0).clone(), batch.state(0));
+        let lattice = straight.c.lattice_now(&straight.g);
+        let b = straight.bodies();
+        let largest = |f: fn(&Body) -> Vec3| b.iter().map(|b| norm(f(b))).fold(0.0, f64::max);
+        let most = &on.bounds.frame;
+        for (i, (a, b)) in resumed.bodies().iter().zip(&b).enumerate() {
+            let d = sub(a.x, b.x);
+            let d = norm(sub(d, mul(&lattice.cell, lattice.periods(d).map(f64::round)))) / RADIUS;
+            let (v, w) = (norm(sub(a.v, b.v)) / largest(|b| b.v), norm(sub(a.w, b.w)) / largest(|b| b.w));
+            assert!(d <= most.place, "{i} is {d:.1e} radii off");
+            assert!(v <= most.velocity && w <= most.spin, "{i}: {v:.1e}, {w:.1e} off");
+        }
+    }
+}
+
+/// The same alone, among others, and after a checkpoint behind which the cell is told in another.
+pub fn a_cell_that_leans_keeps_its_bits(on: &Subject) {
+    let dt = 2e-6;
+    let of = |seed: u64, lean: f64, steps: f64| {
+        let mut w = leaning(lean, seed);
+        w.stages[0].until = Until { at_most: Some(steps * dt), ..Until::default() };
+        w.sampling.series = 100.0 * dt;
+        w
+    };
+    let finished = |mut batch: Batch, w: usize| {
+        while batch.running() {
+            let Ok(()) = batch.advance(&mut Blind);
+        }
+        assert_eq!(batch.status(w), &Status::Done);
+        assert!(batch.progress(w).cell.unwrap().matrix[0][1] < 0.0, "the cell was not told in another");
+        batch.state(w).hash()
+    };
+    let begun = |worlds| Batch::new(worlds, on.backend).map_err(|e| e.1).unwrap();
+    let mut alone = begun(vec![of(5, 0.53, 450.0)]);
+    let Ok(()) = alone.advance(&mut Blind);
+    let bytes = alone.state(0).to_bytes();
+    let hash = finished(alone, 0);
+    let among = begun(vec![of(6, 0.2, 300.0), of(5, 0.53, 450.0), of(7, 0.54, 500.0)]);
+    assert_eq!(finished(among, 1), hash, "in a batch");
+    if on.exact_states {
+        let (constants, _) = prepare(of(5, 0.53, 450.0)).unwrap();
+        let state = State::from_bytes(&bytes).unwrap();
+        assert!(state.progress.cell.unwrap().matrix[0][1] > 0.0);
+        let resumed = Batch::from_states(vec![(constants, state)], on.backend);
+        assert_eq!(finished(resumed, 0), hash, "after a checkpoint");
+    }
+}
+
+/// Simple shear at a constant volume goes on for periods, and so does what it takes to shear the sample.
+pub fn a_sample_shears_without_end(on: &Subject) {
+    let dt = 2e-6;
+    let mut w = packed(120, 4, [0.0, 0.0, 0.0, 0.0, 0.0, 45.0]);
+    w.stages[0].until = Until { at_most: Some(2.5 / 45.0), ..Until::default() };
+    w.sampling.series = 500.0 * dt;
+    let mut batch = Batch::new(vec![w], on.backend).map_err(|e| e.1).unwrap();
+    let mut leans: Vec<f64> = Vec::new();
+    while batch.running() {
+        let Ok(()) = batch.advance(&mut Blind);
+        let cell = batch.progress(0).cell.unwrap();
+        leans.push(cell.matrix[0][1] / cell.matrix[0][0]);
+        assert!(batch.moment(0).contacts > 120, "at {:.2}", cell.strain[0][1]);
+    }
+    assert_eq!(batch.status(0), &Status::Done);
+    let cell = batch.progress(0).cell.unwrap();
+    assert!((2.0 * cell.strain[0][1] - 2.5).abs() < 1e-3, "{:?}", cell.strain);
+    let turns = leans.windows(2).filter(|pair| (pair[1] - pair[0]).abs() > 0.5).count();
+    assert_eq!(turns, 2, "{leans:?}");
+    let last = leans.last().unwrap();
+    assert!((last + 0.5).abs() < 1e-3, "{last}");
+}
+
 fn refusal(change: impl FnOnce(&mut WorldSpec)) -> Option<String> {
     let mut w = packed(60, 4, FAST);
     change(&mut w);
