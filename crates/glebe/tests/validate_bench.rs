@@ -218,7 +218,7 @@ fn rates_are_told_beside_those_of_an_earlier_run_of_the_same() {
             [&args("300", "50")[..], &["--ledger"]].concat(),
             "energy_ledger is true now and false",
         ),
-        (material.to_string(), args("300", "50"), "settled mono bed of 300 particles: material is {"),
+        (material.to_string(), args("300", "50"), "settled mono bed of 300 particles, grid: material is {"),
         ("rates".to_owned(), args("300", "50"), "is not what `glebe bench --out` writes"),
         ("{}".to_owned(), args("300", "50"), "it has no `settings`"),
     ];
