@@ -510,12 +510,13 @@ impl Batch {
         {
             return;
         }
-        if let Some(mut state) = self.state(w).upright(&self.worlds[w].constants)
-            && !self.fails(w)
-        {
-            self.fleet.load(w, &mut state);
-            self.worlds[w].progress = state.progress;
+        let mut state = self.state(w);
+        if self.fails(w) {
+            return;
         }
+        state.upright(&self.worlds[w].constants);
+        self.fleet.load(w, &mut state);
+        self.worlds[w].progress = state.progress;
     }
 
     /// Lets inlets and outlets act that are due.

@@ -2,7 +2,7 @@
 //!
 //! The cell matrix C follows `Ċ = U C` with the velocity gradient U of the world. Particles move with `U x` and a
 //! motion of their own: velocities of a state are the latter. In fractions of the cell the common motion is none, so
-//! places stay exact integers and nothing is encoded anew. A pair across a seam sees the velocity of the image, since
+//! places stay exact integers, and steps encode nothing anew. A pair across a seam sees the velocity of the image, since
 //! what it sees is `vⱼ - vᵢ + U d` with the branch d to the nearest image. Own velocities obey `v̇ = f/m - U v` (Evans
 //! and Morriss, Phys. Rev. A 30, 1528, 1984, doi 10.1103/PhysRevA.30.1528), which does not ask where a particle is, so
 //! every image moves alike; in steady simple shear that is Newton's second law of the whole motion.

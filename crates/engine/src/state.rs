@@ -421,11 +421,12 @@ pub struct State {
 }
 
 impl State {
-    /// The same sample told in a cell that leans less, see [`Cell::leaning`]; none if the cell leans little.
-    pub fn upright(&self, c: &Constants) -> Option<Self> {
-        let [yz, xz, xy] = self.progress.cell?.leaning()?;
-        let mut state = self.clone();
-        let p = &mut state.particles;
+    /// Tells the sample in a cell that leans less, see [`Cell::leaning`], if its own leans too much.
+    pub fn upright(&mut self, c: &Constants) {
+        let Some(cell) = &mut self.progress.cell else { return };
+        let Some([yz, xz, xy]) = cell.leaning() else { return };
+        cell.upright([yz, xz, xy]);
+        let p = &mut self.particles;
         for i in 0..p.len() {
             let mut e = Encoded { hi: p.hi[i], lo: p.place[i].lo, rest: p.rest[i] };
             for (onto, of, periods) in [(1, 2, yz), (0, 2, xz), (0, 1, xy)] {
@@ -435,13 +436,8 @@ impl State {
             }
             (p.hi[i], p.place[i].lo, p.rest[i]) = (e.hi, e.lo, e.rest);
         }
-        state.progress.cell = state.progress.cell.map(|mut cell| {
-            cell.upright([yz, xz, xy]);
-            cell
-        });
         // The places of the lists are those in the cell before.
-        state.progress.stale = true;
-        Some(state)
+        self.progress.stale = true;
     }
 
     /// The particles of this sample with their contacts at the beginning of another world, which was prepared with the

@@ -4,7 +4,7 @@ use glebe_engine::backend::Backend;
 use glebe_engine::batch::{Batch, Blind, Status};
 use glebe_engine::cell::Cell;
 use glebe_engine::generate::{FillRequest, Region, generate};
-use glebe_engine::lattice::{Vec3x3, add, determinant, mul, norm, scale, sub};
+use glebe_engine::lattice::{Lattice, Vec3x3, add, determinant, mul, norm, scale, sub};
 use glebe_engine::measure::Interior;
 use glebe_engine::prepare;
 use glebe_engine::spec::{Deformation, Domain, Drive, Side, Stage, Until, Vec3, WorldSpec};
@@ -17,6 +17,12 @@ use crate::support::{Body, REFERENCE, Random, Run, Subject, Together, assert_nea
 const RADIUS: f64 = 1e-3;
 /// Normal stiffness of linear springs \[N/m\].
 const STIFFNESS: f64 = 1e5;
+
+/// The distance of two places, to the nearest image.
+fn apart(lattice: &Lattice, a: Vec3, b: Vec3) -> f64 {
+    let d = sub(a, b);
+    norm(sub(d, mul(&lattice.cell, lattice.periods(d).map(f64::round))))
+}
 
 /// Rates of a stage: xx, yy, zz, yz, xz, xy.
 fn rates(rates: [f64; 6]) -> Deformation {
@@ -193,11 +199,10 @@ pub fn deforming_trajectories_equal_the_reference(on: &Subject) {
         let largest = |f: fn(&Body) -> Vec3| b.iter().map(|b| norm(f(b))).fold(0.0, f64::max);
         let most = &on.bounds.trajectory;
         for (i, (a, b)) in run.bodies().iter().zip(&b).enumerate() {
-            let d = sub(a.x, b.x);
-            let d = sub(d, mul(&lattice.cell, lattice.periods(d).map(f64::round)));
+            let d = apart(&lattice, a.x, b.x) / RADIUS;
             let (v, w) = (norm(sub(a.v, b.v)) / largest(|b| b.v), norm(sub(a.w, b.w)) / largest(|b| b.w));
             let name = integrator.name();
-            assert!(norm(d) / RADIUS <= most.place, "{name}: {i} is {:.1e} radii off", norm(d) / RADIUS);
+            assert!(d <= most.place, "{name}: {i} is {d:.1e} radii off");
             assert!(v <= most.velocity, "{name}: velocity of {i} off by {v:.1e} of the largest");
             assert!(w <= most.spin, "{name}: spin of {i} off by {w:.1e} of the largest");
         }
@@ -362,11 +367,7 @@ fn leaning(lean: f64, seed: u64) -> WorldSpec {
     while bodies.len() < 60 {
         let radius = RADIUS * (1.0 + 0.5 * r.unit());
         let x = mul(&w.domain.cell, [0; 3].map(|_| r.unit()));
-        let apart = |y: Vec3| {
-            let d = sub(x, y);
-            norm(sub(d, mul(&lattice.cell, lattice.periods(d).map(f64::round))))
-        };
-        if bodies.iter().all(|(y, s)| apart(*y) > s + radius) {
+        if bodies.iter().all(|(y, s)| apart(lattice, x, *y) > s + radius) {
             bodies.push((x, radius));
         }
     }
@@ -414,8 +415,7 @@ pub fn a_cell_that_leans_is_told_in_another(on: &Subject) {
         let largest = |f: fn(&Body) -> Vec3| b.iter().map(|b| norm(f(b))).fold(0.0, f64::max);
         let most = &on.bounds.frame;
         for (i, (a, b)) in resumed.bodies().iter().zip(&b).enumerate() {
-            let d = sub(a.x, b.x);
-            let d = norm(sub(d, mul(&lattice.cell, lattice.periods(d).map(f64::round)))) / RADIUS;
+            let d = apart(&lattice, a.x, b.x) / RADIUS;
             let (v, w) = (norm(sub(a.v, b.v)) / largest(|b| b.v), norm(sub(a.w, b.w)) / largest(|b| b.w));
             assert!(d <= most.place, "{i} is {d:.1e} radii off");
             assert!(v <= most.velocity && w <= most.spin, "{i}: {v:.1e}, {w:.1e} off");

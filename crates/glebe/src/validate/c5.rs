@@ -4,7 +4,7 @@
 //! table 1, its cost linear in both numbers. Chosen: that samples are dense, where the paper ends at a solid fraction
 //! of 12 %; the steps; the limits on the exponents; on a device larger samples besides, since 32 000 grains cost it hardly
 //! more than 2000, and the exponent of those that cost four times the smallest and more. Every sample must end with the
-//! same bits as alone. The quick size shares its machine with other things and reports the exponents.
+//! same bits as alone, in full every tenth of the second search. The quick size shares its machine with other things and reports the exponents.
 //!
 //! Both searches of the paper are timed, a uniform grid, which is taken unless a scene says otherwise, and a hierarchy of
 //! bounding volumes, also for radii that are spread over 1:2.5 and 1:10, as in the paper. Where radii are more than 1:3
