@@ -19,8 +19,12 @@ use crate::spec::Search;
 const WIDE: f32 = 0.4;
 /// Lists that lasted fewer steps than this may take any skin.
 const REBUILT_SOON: u32 = 12;
+/// Lists that lasted longer than this do not need a skin above [`WIDE`].
+const REBUILT_LATE: u32 = 2 * REBUILT_SOON;
 /// What a skin that lasted shrinks by.
 const NARROWER: f32 = 0.97;
+/// What a skin above [`WIDE`] shrinks by after the flow for which it was widened.
+const CALMER: f32 = 0.8;
 /// Share that rounding may take of a cell.
 const MARGIN: f32 = 1.0e-4;
 /// The same of a size class's grid, whose windows may have hundreds of cells.
@@ -73,7 +77,9 @@ pub fn begin(
             let mut wanted = skin;
             if asked == 0u32 {
                 let most = select(since < REBUILT_SOON, comptime!(SKIN_MAX as f32), WIDE);
-                if early {
+                if early && since > REBUILT_LATE && skin > WIDE * mean {
+                    wanted = f32::max(CALMER * skin, WIDE * mean);
+                } else if early {
                     wanted = f32::max(skin, f32::min(comptime!(SKIN_WIDER as f32) * skin, most * mean));
                 } else {
                     wanted = f32::max(NARROWER * skin, comptime!(SKIN_MIN as f32) * mean);
