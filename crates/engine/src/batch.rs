@@ -473,30 +473,45 @@ impl Batch {
         Ok(())
     }
 
-    /// Does actions on the state and loads it back; returns how many particles were removed.
+    /// Does actions on a world; returns how many particles were removed.
     fn act(&mut self, w: usize, actions: &[Action]) -> u64 {
         let c = self.worlds[w].constants.clone();
         let before = self.moment(w);
-        let mut state = self.state(w);
-        let mut removed = 0;
+        let g = &mut self.worlds[w].progress;
+        let mut of_particles = Vec::new();
         for action in actions {
             match action {
                 Action::Insert(s) => {
-                    let surface = &mut state.progress.surfaces[*s];
-                    surface.since = if surface.present { surface.since } else { state.progress.step };
+                    let surface = &mut g.surfaces[*s];
+                    surface.since = if surface.present { surface.since } else { g.step };
                     surface.present = true;
                 }
                 Action::Withdraw(s) => {
-                    let pose = state.progress.surfaces[*s].placed(&c, *s, &state.progress).pose;
-                    state.progress.surfaces[*s].base = pose;
-                    state.progress.surfaces[*s].present = false;
+                    let pose = g.surfaces[*s].placed(&c, *s, g).pose;
+                    g.surfaces[*s].base = pose;
+                    g.surfaces[*s].present = false;
                 }
+                Action::RemoveBeyond { .. } | Action::Bond => of_particles.push(action),
+            }
+        }
+        if of_particles.is_empty() {
+            let mut g = g.clone();
+            unsettle(&mut g);
+            self.fleet.renew(w, &mut g);
+            self.settle_account(w, g, &before, 0.0);
+            return 0;
+        }
+        let mut state = self.state(w);
+        let mut removed = 0;
+        for action in of_particles {
+            match action {
                 Action::RemoveBeyond { axis, limit } => {
                     let keep: Vec<bool> =
                         positions(&c, &state).iter().map(|x| dot(*x, *axis) <= *limit).collect();
                     removed += state.remove(&keep);
                 }
                 Action::Bond => state.bond(&c),
+                Action::Insert(_) | Action::Withdraw(_) => {}
             }
         }
         self.take_over(w, state, &before, 0.0);
@@ -541,18 +556,20 @@ impl Batch {
     /// Loads a world's state that was changed from the moment `before`, with particles of the energy `entered` \[J\]
     /// added, and accounts for what was taken out.
     fn take_over(&mut self, w: usize, mut state: State, before: &Moment, entered: f64) {
-        state.progress.stale = true;
-        // Accelerations of the configuration before are not those of this one.
-        state.progress.primed = false;
+        unsettle(&mut state.progress);
         self.fleet.load(w, &mut state);
-        let after = self.fleet.moment(w, &state.progress);
-        let energy = |m: &Moment| m.kinetic() + m.potential + m.elastic_normal + m.elastic_tangential;
-        let ledger = &mut state.progress.ledger;
-        ledger.entered += entered;
-        ledger.removed += energy(before) + entered - energy(&after);
-        ledger.elastic_tangential += after.elastic_tangential - before.elastic_tangential;
         self.worlds[w].particles = state.particles.len();
-        self.worlds[w].progress = state.progress;
+        self.settle_account(w, state.progress, before, entered);
+    }
+
+    /// Gives a world that was changed from the moment `before` its progress, and accounts for the energy that went.
+    fn settle_account(&mut self, w: usize, mut g: Progress, before: &Moment, entered: f64) {
+        let after = self.fleet.moment(w, &g);
+        let energy = |m: &Moment| m.kinetic() + m.potential + m.elastic_normal + m.elastic_tangential;
+        g.ledger.entered += entered;
+        g.ledger.removed += energy(before) + entered - energy(&after);
+        g.ledger.elastic_tangential += after.elastic_tangential - before.elastic_tangential;
+        self.worlds[w].progress = g;
     }
 
     /// What the particles of a world come to now that its stage ends.
@@ -757,6 +774,12 @@ impl World {
             interior: m.tensors.map(|t| Interior::new(&t, &cell, &strain)),
         }
     }
+}
+
+/// Tells that a configuration is not that of its lists and accelerations.
+fn unsettle(g: &mut Progress) {
+    g.stale = true;
+    g.primed = false;
 }
 
 /// Positions of all particles in the order of storage \[m\].

@@ -6,7 +6,7 @@ use crate::backend::cpu::near_pairs;
 use crate::failure::SetupError;
 use crate::setup::Constants;
 use crate::spec::{Action, WorldSpec};
-use crate::state::{ContactMemory, State};
+use crate::state::{ContactMemory, History, State};
 
 /// Refuses bonds that reach too far for lists, and such as cannot be made because no law says how.
 pub fn check(spec: &WorldSpec, pairs: &[PairCoefficients], radius_min: f64) -> Result<(), SetupError> {
@@ -50,7 +50,7 @@ impl State {
                 Ok(k) if self.contacts[k].history[rest] > 0.0 => continue,
                 Ok(k) => self.contacts[k].history[rest] = distance as f32,
                 Err(_) => {
-                    let mut history = vec![0.0; c.history.len()];
+                    let mut history = History::from_elem(0.0, c.history.len());
                     history[rest] = distance as f32;
                     new.push(ContactMemory { id, history });
                 }

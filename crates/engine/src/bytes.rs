@@ -231,11 +231,11 @@ impl<'a> Reader<'a> {
         }
         Ok(n as usize)
     }
-    fn many<T>(
+    fn many<T, C: FromIterator<T>>(
         &mut self,
         n: usize,
         mut one: impl FnMut(&mut Self) -> Result<T, BytesError>,
-    ) -> Result<Vec<T>, BytesError> {
+    ) -> Result<C, BytesError> {
         (0..n).map(|_| one(self)).collect()
     }
 }

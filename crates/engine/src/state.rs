@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use smallvec::SmallVec;
 
 use crate::bytes::BytesError;
 use crate::cell::Cell;
@@ -105,13 +106,16 @@ impl Particles {
     }
 }
 
+/// What a contact remembers: the laws' history, of which that of one spring takes no memory of its own.
+pub type History = SmallVec<[f32; 4]>;
+
 /// What two touching particles remember, seen from `id[0] < id[1]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ContactMemory {
     /// The particles' persistent numbers.
     pub id: [u32; 2],
     /// The laws' history.
-    pub history: Vec<f32>,
+    pub history: History,
 }
 
 /// What a particle remembers of one contact with a surface.
@@ -124,7 +128,7 @@ pub struct SurfaceMemory {
     /// Unit vector into the surface when last touched.
     pub n: [f32; 3],
     /// The laws' history.
-    pub history: Vec<f32>,
+    pub history: History,
 }
 
 /// State of a surface.

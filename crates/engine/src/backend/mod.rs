@@ -68,6 +68,12 @@ pub trait Fleet: Send {
     }
     /// Replaces the state of a world.
     fn load(&mut self, world: usize, state: &mut State);
+    /// Takes in what of a world changed that is not of its particles, of which lists know: surfaces that came or went.
+    fn renew(&mut self, world: usize, progress: &mut Progress) {
+        let mut state = self.state(world, progress);
+        self.load(world, &mut state);
+        *progress = state.progress;
+    }
     /// Why the backend can no longer be trusted, as the failure of a world; what was read of it last may be wrong.
     fn fault(&self, _world: usize, _progress: &Progress) -> Option<Failure> {
         None

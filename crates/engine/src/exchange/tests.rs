@@ -50,7 +50,7 @@ fn survivors_keep_their_memory() {
     let (c, mut state) = prepare(w).unwrap();
     let memory = |a: u8, b: u8| ContactMemory {
         id: [a, b].map(u32::from),
-        history: vec![0.1 + f32::from(a), -0.3, 1e-30, 7.0],
+        history: [0.1 + f32::from(a), -0.3, 1e-30, 7.0].into(),
     };
     state.contacts = vec![memory(0, 1), memory(1, 2)];
     state.progress.step = 1000;

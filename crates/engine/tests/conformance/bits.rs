@@ -198,6 +198,40 @@ pub fn a_world_that_waits_ends_as_if_it_had_not(on: &Subject) {
     }
 }
 
+/// A surface that comes or goes changes the world in place: nothing is other than where the whole state is put anew, which
+/// a removal asks for that finds no particle.
+pub fn a_surface_comes_and_goes_as_with_a_new_state(on: &Subject) {
+    let (dt, steps) = (4e-6, on.budget.tumbling as f64);
+    let world = |anew: bool| {
+        let mut w = tumbling(on.budget.tumblers / 3, 4);
+        let far = || anew.then_some(Action::RemoveBeyond { axis: [1.0, 0.0, 0.0], limit: 1.0 });
+        let stage = |name: &str, actions: Vec<Action>| {
+            let until = Until { at_most: Some(0.25 * steps * dt), ..Until::default() };
+            Stage { name: name.to_owned(), until, actions, ..Stage::default() }
+        };
+        let doing = |name: &str, own: Action| stage(name, [own].into_iter().chain(far()).collect());
+        w.stages = vec![
+            stage("begin", Vec::new()),
+            doing("go", Action::Withdraw(0)),
+            doing("come", Action::Insert(0)),
+        ];
+        w.sampling.series = 0.125 * steps * dt;
+        w
+    };
+    let (in_place, anew) = (world(false), world(true));
+    let mut batch = Batch::new(vec![in_place.clone(), anew, in_place], on.backend).map_err(|e| e.1).unwrap();
+    while batch.running() {
+        let Ok(()) = batch.advance(&mut Blind);
+    }
+    let [a, b, c] = [0, 1, 2].map(|w| batch.state(w));
+    assert_eq!(batch.status(0), &Status::Done);
+    assert!(!a.contacts.is_empty() && a.progress.surfaces[0].present);
+    assert_eq!(a.hash(), c.hash());
+    if on.exact_states {
+        assert_eq!(a.hash(), b.hash());
+    }
+}
+
 /// Every integrator goes on from a state taken between two rebuilds as if nothing had happened.
 pub fn a_checkpoint_goes_on(on: &Subject) {
     let (count, steps) = (on.budget.tumblers, on.budget.tumbling);

@@ -93,6 +93,7 @@ macro_rules! backend_suite {
                 bits::a_glance_shows_the_particles,
                 bits::a_world_alone_equals_itself_in_a_batch,
                 bits::a_world_that_waits_ends_as_if_it_had_not,
+                bits::a_surface_comes_and_goes_as_with_a_new_state,
                 bits::a_checkpoint_goes_on,
                 bits::leavers_are_listed,
                 guards::a_world_that_goes_wrong_stops_alone,

@@ -15,7 +15,7 @@ use crate::curve::Curve;
 use crate::lattice::{Lattice, UNITS, dot, sub};
 use crate::setup::{BoundaryShape, Constants, LEVEL_RATIO, MEMORY};
 use crate::spec::{Pose, Search, Vec3};
-use crate::state::{ContactMemory, Particles, Progress, SurfaceMemory};
+use crate::state::{ContactMemory, History, Particles, Progress, SurfaceMemory};
 use crate::surface::Span;
 
 /// Particles per block: the unit of parallel work. Fixed, so that results do not depend on threads.
@@ -622,7 +622,7 @@ pub fn memories(c: &Constants, p: &Particles, blocks: &[Block]) -> (Vec<ContactM
                 }
                 let b = p.id[block.candidates[k].partner as usize];
                 let own = &block.history[k * quads(c)..(k + 1) * quads(c)];
-                let mut history = own.as_flattened()[..h].to_vec();
+                let mut history = History::from_slice(&own.as_flattened()[..h]);
                 if a > b {
                     history.iter_mut().zip(&c.history).for_each(|(x, sign)| *x *= sign);
                 }
@@ -635,7 +635,7 @@ pub fn memories(c: &Constants, p: &Particles, blocks: &[Block]) -> (Vec<ContactM
                 id,
                 surface: q.boundary,
                 n: t.n,
-                history: t.history[..h].to_vec(),
+                history: History::from_slice(&t.history[..h]),
             }));
         }
     }

@@ -334,8 +334,15 @@ impl<R: Runtime> Fleet for GpuFleet<R> {
             return;
         }
         group.put(&self.device, w, state);
-        if let Some(needs) = group.relist(&self.device, &mut [(w, state)]) {
+        if let Some(needs) = group.relist(&self.device, &mut [(w, &mut state.progress)]) {
             group.regrow(&self.device, needs, w, state);
+        }
+    }
+
+    fn renew(&mut self, world: usize, progress: &mut Progress) {
+        let (g, w) = self.at[world];
+        if self.device.broken().is_none() {
+            self.groups[g].renew(&self.device, w, progress);
         }
     }
 

@@ -6,7 +6,7 @@ use cubecl::prelude::*;
 
 use super::super::device::{Device, QUAD, rows_of_grid};
 use super::super::layout::{
-    BLOCK, FACET_WORDS, NONE, PAIR_QUADS, PERIOD, SLICE, SLOTS, SUMS, Signature, boundary, flag, halt,
+    BLOCK, FACET_WORDS, NONE, PAIR_QUADS, PERIOD, REFER, SLICE, SLOTS, SUMS, Signature, boundary, flag, halt,
     status, world,
 };
 use super::super::tables::{Meshes, Region, Rooms, cell_room, deform, leaves, pair_quads, stand, world_row};
@@ -37,9 +37,9 @@ impl Group {
             for w in 0..worlds.len() {
                 group.put(device, w, worlds[w].1);
             }
-            let mut states: Vec<(usize, &mut State)> =
-                worlds.iter_mut().enumerate().map(|(w, (_, s))| (w, &mut **s)).collect();
-            let Some(needs) = group.relist(device, &mut states) else { return group };
+            let mut progress: Vec<(usize, &mut Progress)> =
+                worlds.iter_mut().enumerate().map(|(w, (_, s))| (w, &mut s.progress)).collect();
+            let Some(needs) = group.relist(device, &mut progress) else { return group };
             if device.broken().is_some() {
                 return group;
             }
@@ -241,11 +241,11 @@ impl Group {
     pub(super) fn relist<R: Runtime>(
         &mut self,
         device: &Device<R>,
-        loaded: &mut [(usize, &mut State)],
+        loaded: &mut [(usize, &mut Progress)],
     ) -> Option<Vec<Lack>> {
         let mut jobs = vec![None; self.worlds.len()];
-        for (w, state) in loaded.iter() {
-            jobs[*w] = Some((&state.progress, 0, !state.progress.stale));
+        for (w, g) in loaded.iter() {
+            jobs[*w] = Some((&**g, 0, !g.stale));
         }
         self.prepare(device, &jobs);
         if device.broken().is_some() {
@@ -254,8 +254,7 @@ impl Group {
         self.begin(device, 0);
         self.rebuild(device);
         let lacks = Self::needs(&self.fetch(device).flags);
-        for (w, state) in loaded.iter_mut() {
-            let g = &mut state.progress;
+        for (w, g) in loaded.iter_mut() {
             // Lists for which there was no room are still to be made.
             if g.stale && lacks.is_none() {
                 g.refer(&self.worlds[*w]);
@@ -265,6 +264,19 @@ impl Group {
             self.last[*w] = g.clone();
         }
         lacks
+    }
+
+    /// Makes the lists of a world anew whose surfaces came or went.
+    pub(super) fn renew<R: Runtime>(&mut self, device: &Device<R>, w: usize, g: &mut Progress) {
+        self.keep_touching(device, w);
+        self.set_state(w, status::ASKED, REFER);
+        self.set_state(w, status::PRIMED, u32::from(g.primed));
+        g.stale = true;
+        if let Some(needs) = self.relist(device, &mut [(w, g)]) {
+            let mut state = self.state(device, w, g);
+            self.regrow(device, needs, w, &mut state);
+            *g = state.progress;
+        }
     }
 
     pub(super) fn needs(flags: &[u32]) -> Option<Vec<Lack>> {
@@ -338,10 +350,11 @@ const HUGE: usize = 4_000_000;
 /// A guess at what a world needs room for; a rebuild that needs more is repeated with more.
 pub(super) fn first_rooms(c: &Constants, count: usize, worlds: usize) -> Rooms {
     let n = count.max(1) as u32;
-    // Soft grains that fall on each other come to need more than grains at rest. To take more is slow for many worlds; where
-    // lists are most of a device's memory there is as little as the skin of slow grains asks for.
+    // Grains that fall on each other come to need twice as much as grains at rest. To take more is slow for many worlds, which
+    // have room for that from the start; where lists are most of a device's memory there is as little as the skin of slow
+    // grains asks for.
     let listed = if worlds >= CROWD {
-        20
+        40
     } else if count < HUGE {
         16
     } else {

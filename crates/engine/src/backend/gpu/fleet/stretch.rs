@@ -280,7 +280,7 @@ impl Group {
         let needs: Vec<Lack> = needs.into_iter().filter(|(k, need)| *k == w && lacks(*need)).collect();
         if needs.is_empty() {
             self.put(device, w, &state);
-            if let Some(needs) = self.relist(device, &mut [(w, &mut state)]) {
+            if let Some(needs) = self.relist(device, &mut [(w, &mut state.progress)]) {
                 self.regrow(device, needs, w, &mut state);
             }
         } else {

@@ -1,6 +1,7 @@
 //! States to the device and back.
 
 use cubecl::prelude::*;
+use rayon::prelude::*;
 
 use super::super::device::Device;
 use super::super::layout::{NONE, REFER, RELIST, SLOTS, status};
@@ -58,24 +59,24 @@ impl Group {
         device.write(&self.b.place, first, &place);
         device.write(&self.b.vel, first, &vel);
         device.write(&self.b.spin, first, &spin);
-        let own: Vec<[u32; 4]> = (0..n)
-            .flat_map(|i| {
+        let own: Vec<[[u32; 4]; 2]> = (0..n)
+            .map(|i| {
                 let (h, r) = (p.hi[i].map(|x| x as u32), bits(p.rest[i]));
                 [[h[0], h[1], h[2], p.id[i]], [r[0], r[1], r[2], 0]]
             })
             .collect();
-        device.write(&self.b.own, 2 * first, &own);
-        let refs: Vec<[u32; 4]> = (0..n)
-            .flat_map(|i| {
+        device.write(&self.b.own, 2 * first, own.as_flattened());
+        let refs: Vec<[[u32; 4]; 2]> = (0..n)
+            .map(|i| {
                 let (l, h) = (p.lo_ref[i], p.hi_ref[i].map(|x| x as u32));
                 [[l[0], l[1], l[2], p.place[i].radius.to_bits()], [h[0], h[1], h[2], p.id[i]]]
             })
             .collect();
-        device.write(&self.b.refs, 2 * first, &refs);
-        let slow: Vec<[f32; 4]> = (0..n)
-            .flat_map(|i| [p.acceleration[i], p.angular[i], p.force[i]].map(|x| [x[0], x[1], x[2], 0.0]))
+        device.write(&self.b.refs, 2 * first, refs.as_flattened());
+        let slow: Vec<[[f32; 4]; 3]> = (0..n)
+            .map(|i| [p.acceleration[i], p.angular[i], p.force[i]].map(|x| [x[0], x[1], x[2], 0.0]))
             .collect();
-        device.write(&self.b.slow, 3 * first, &slow);
+        device.write(&self.b.slow, 3 * first, slow.as_flattened());
         let places = Places::of(&p.id);
         self.put_contacts(device, w, state, &places);
         self.put_surface_contacts(device, w, state, &places);
@@ -89,13 +90,15 @@ impl Group {
             let [a, b] = m.id.map(|id| places.get(id));
             Some([first + a? as u32, first + b? as u32])
         };
-        let known = state.contacts.iter().filter_map(|m| Some((pair(m)?, m)));
+        let known = state.contacts.par_iter().filter_map(|m| Some((pair(m)?, m)));
+        let (mut pairs, mut memories): (Vec<[u32; 2]>, Vec<&ContactMemory>) = known.unzip();
         // What does not fit goes with an attempt that fails: the lists to be made have no less in them.
-        let (pairs, memories): (Vec<[u32; 2]>, Vec<&ContactMemory>) = known.take(room).unzip();
+        pairs.truncate(room);
+        memories.truncate(room);
         device.write(&self.b.held, w, &[pairs.len() as u32]);
         device.write(&self.b.kept, 2 * begin, pairs.as_flattened());
         for q in 0..self.signature.quads() as usize {
-            let plane: Vec<[f32; 4]> = memories.iter().map(|m| quad_of(&m.history, q)).collect();
+            let plane: Vec<[f32; 4]> = memories.par_iter().map(|m| quad_of(&m.history, q)).collect();
             device.write(&self.b.kept_hist, self.kept_plane(q) + begin, &plane);
         }
     }
@@ -161,31 +164,34 @@ impl Group {
             return Particles::default();
         }
         let three = |q: &[f32; 4]| [q[0], q[1], q[2]];
-        let mut p = Particles::default();
-        for i in 0..n {
-            let (x, v, s, h, r) = (place[i], vel[i], spin[i], own[2 * i], own[2 * i + 1]);
-            let (lo, hi) = (refs[2 * i], refs[2 * i + 1]);
-            p.id.push(h[3]);
-            p.place.push(Place { lo: [x[0], x[1], x[2]], radius: float(x[3]) });
-            p.velocity.push(Velocity { v: three(&v), inv_mass: v[3] });
-            p.spin.push(Spin { w: [float(s[0]), float(s[1]), float(s[2])], material: s[3] });
-            p.hi.push([h[0] as i32, h[1] as i32, h[2] as i32]);
-            p.rest.push([float(r[0]), float(r[1]), float(r[2])]);
-            p.acceleration.push(three(&slow[3 * i]));
-            p.angular.push(three(&slow[3 * i + 1]));
-            p.force.push(three(&slow[3 * i + 2]));
-            p.lo_ref.push([lo[0], lo[1], lo[2]]);
-            p.hi_ref.push([hi[0] as i32, hi[1] as i32, hi[2] as i32]);
+        let whole = |q: &[u32; 4]| [q[0] as i32, q[1] as i32, q[2] as i32];
+        let floats = |q: &[u32; 4]| [float(q[0]), float(q[1]), float(q[2])];
+        Particles {
+            id: own.iter().step_by(2).map(|h| h[3]).collect(),
+            place: place.iter().map(|x| Place { lo: [x[0], x[1], x[2]], radius: float(x[3]) }).collect(),
+            velocity: vel.iter().map(|v| Velocity { v: three(v), inv_mass: v[3] }).collect(),
+            spin: spin.iter().map(|s| Spin { w: floats(s), material: s[3] }).collect(),
+            hi: own.iter().step_by(2).map(whole).collect(),
+            rest: own.iter().skip(1).step_by(2).map(floats).collect(),
+            acceleration: slow.iter().step_by(3).map(three).collect(),
+            angular: slow.iter().skip(1).step_by(3).map(three).collect(),
+            force: slow.iter().skip(2).step_by(3).map(three).collect(),
+            lo_ref: refs.iter().step_by(2).map(|l| [l[0], l[1], l[2]]).collect(),
+            hi_ref: refs.iter().skip(1).step_by(2).map(whole).collect(),
         }
-        p
+    }
+
+    /// Keeps what the pairs of a world remember aside of its lists.
+    pub(super) fn keep_touching<R: Runtime>(&self, device: &Device<R>, w: usize) {
+        device.write(&self.b.held, w, &[0_u32]);
+        self.keep(device, w as u32);
     }
 
     fn contacts<R: Runtime>(&self, device: &Device<R>, w: usize, p: &Particles) -> Vec<ContactMemory> {
         let first = self.regions[w].first as usize;
         let (begin, _) = self.kept(w);
         let b = &self.b;
-        device.write(&b.held, w, &[0_u32]);
-        self.keep(device, w as u32);
+        self.keep_touching(device, w);
         let held = device.read::<u32>(&b.held, w, 1).into_iter().sum::<u32>() as usize;
         let pairs: Vec<u32> = device.read(&b.kept, 2 * begin, 2 * held);
         let planes: Vec<Vec<[f32; 4]>> = (0..self.signature.quads() as usize)
@@ -195,14 +201,14 @@ impl Group {
             return Vec::new();
         }
         let h = self.worlds[w].history.len();
-        let pairs = pairs.chunks_exact(2).enumerate();
+        let pairs = pairs.par_chunks_exact(2).enumerate();
         let mut contacts: Vec<ContactMemory> = pairs
             .map(|(k, pair)| ContactMemory {
                 id: [pair[0], pair[1]].map(|i| p.id[i as usize - first]),
                 history: planes.iter().flat_map(|plane| plane[k]).take(h).collect(),
             })
             .collect();
-        contacts.sort_unstable_by_key(|m| m.id);
+        contacts.par_sort_unstable_by_key(|m| m.id);
         contacts
     }
 
