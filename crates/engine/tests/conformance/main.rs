@@ -236,6 +236,22 @@ bonds_suite!(bonds_on_gpu, crate::support::gpu(), { #[ignore = "minutes on a sof
 #[cfg(feature = "gpu")]
 agreement_suite!(gpu_against_reference, crate::support::gpu(), { #[ignore = "minutes on a software device: for hardware, with --include-ignored"] });
 #[cfg(feature = "gpu")]
+mod crowds_on_gpu {
+    tests! { crate::support::crowds(), {};
+        floor::many_triangles_meet_at_a_point,
+        floor::concave_corners_act_on_each_side,
+        agreement::short_trajectories_equal_the_reference,
+        bits::a_world_alone_equals_itself_in_a_batch,
+        bits::a_checkpoint_goes_on,
+    }
+    tests! { crate::support::crowds(), { #[ignore = "minutes on a software device: for hardware, with --include-ignored"] };
+        floor::worlds_that_lack_room_at_once_keep_their_bits,
+        floor::a_plane_ends_where_it_ends,
+        floor::a_convex_edge_acts_once,
+        floor::any_triangulation_is_one_plane,
+    }
+}
+#[cfg(feature = "gpu")]
 mod wear_on_gpu {
     tests! { crate::support::gpu(), {}; wear::a_device_refuses_wear }
 }

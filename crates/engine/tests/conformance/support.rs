@@ -19,9 +19,11 @@ use glebe_physics::{ContactModel, IntegratorKind, LawChoice, LawInfo, Laws, Layo
 /// A new backend is one constant here and its rows at the end of `main.rs`. What physics demands (restitution,
 /// creep, closure of the ledger, …) is the same for all and stands at the top of each suite; bounds that follow
 /// from rounding stand here, one a quantity.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Subject {
     pub backend: Backend,
+    /// Whether its worlds take the kernels of those of which there are many.
+    pub crowded: bool,
     /// Whether its states hold everything that it goes on from, so that a checkpoint changes no bit.
     pub exact_states: bool,
     /// Whether sums of the ledger do not depend on where jobs end.
@@ -34,8 +36,16 @@ pub struct Subject {
     pub budget: Budget,
 }
 
+impl Subject {
+    /// A world that takes the subject's kernels.
+    fn fitted(&self, mut spec: WorldSpec) -> WorldSpec {
+        spec.throughput |= self.crowded;
+        spec
+    }
+}
+
 /// Largest differences that rounding may cause.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Bounds {
     /// Force on a particle after one step from a state of the reference, as a share of the sum of its contact
     /// forces' sizes; its torque, as a share of that sum times the radius.
@@ -71,7 +81,7 @@ pub struct Bounds {
 }
 
 /// How far two trajectories may be apart.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Apart {
     /// Places, in radii.
     pub place: f64,
@@ -82,7 +92,7 @@ pub struct Apart {
 }
 
 /// Steps that a backend can afford where a suite may take more or fewer.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Budget {
     /// Of 1 µs, for creep of two particles.
     pub creep: u64,
@@ -118,6 +128,7 @@ const SINGLE: Bounds = Bounds {
 /// f32 after the overlap, threads and vectors.
 pub const CPU: Subject = Subject {
     backend: Backend::Cpu,
+    crowded: false,
     exact_states: true,
     exact_sums: true,
     exact_reach: true,
@@ -136,6 +147,7 @@ pub const CPU: Subject = Subject {
 /// f64, but for the states that are read from it; with itself it agrees.
 pub const REFERENCE: Subject = Subject {
     backend: Backend::Reference,
+    crowded: false,
     exact_states: false,
     exact_sums: true,
     exact_reach: true,
@@ -200,12 +212,23 @@ pub fn gpu() -> Option<&'static Subject> {
     FOUND.as_ref()
 }
 
+/// The same with the kernels of worlds of which there are many.
+#[cfg(feature = "gpu")]
+pub fn crowds() -> Option<&'static Subject> {
+    use std::sync::LazyLock;
+
+    static FOUND: LazyLock<Option<Subject>> =
+        LazyLock::new(|| gpu().map(|on| Subject { crowded: true, ..*on }));
+    FOUND.as_ref()
+}
+
 #[cfg(feature = "gpu")]
 fn on_device(backend: Backend) -> Subject {
     // A device that nobody named may be software.
     let named = std::env::var_os("GLEBE_TEST_DEVICE").is_some();
     Subject {
         backend,
+        crowded: false,
         exact_states: true,
         exact_sums: false,
         exact_reach: false,
@@ -407,7 +430,7 @@ pub struct Run {
 
 impl Run {
     pub fn new(on: &Subject, spec: WorldSpec) -> Self {
-        let (c, state) = prepare(spec).unwrap();
+        let (c, state) = prepare(on.fitted(spec)).unwrap();
         Self::resume(on, c, state)
     }
 
@@ -465,7 +488,7 @@ pub struct Together {
 
 impl Together {
     pub fn new(on: &Subject, specs: Vec<WorldSpec>) -> Self {
-        Self::resume(on, specs.into_iter().map(|s| prepare(s).unwrap()).collect())
+        Self::resume(on, specs.into_iter().map(|s| prepare(on.fitted(s)).unwrap()).collect())
     }
 
     pub fn resume(on: &Subject, mut worlds: Vec<(Arc<Constants>, State)>) -> Self {

@@ -469,7 +469,7 @@ pub fn contacts_of(
     tris: &Array<U4>,
     verts: &Array<F4>,
     rows: &Array<u32>,
-    facets: &Array<u32>,
+    facets: &Array<U4>,
     row_count: &mut Array<u32>,
     row_mem: &mut Array<F4>,
     push: &mut Array<F4>,
@@ -797,6 +797,8 @@ pub fn contacts_of(
                         verts,
                         rows,
                         facets,
+                        // Nothing was told before.
+                        verts,
                         row_count,
                         row_mem,
                         push,

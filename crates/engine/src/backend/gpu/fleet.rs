@@ -95,6 +95,7 @@ struct Buffers {
     ordered: Buffer,
     rows: Buffer,
     facets: Buffer,
+    told: Buffer,
     row_count: Buffer,
     row_mem: Buffer,
     push: Buffer,
@@ -120,6 +121,7 @@ struct Buffers {
 
 /// What kernels are specialised for in a world.
 fn signature(c: &Constants, fused: bool) -> Signature {
+    let merged = c.count <= MERGED && !c.spec.throughput;
     Signature {
         laws: Choices::of(c),
         integrator: c.spec.time.integrator,
@@ -127,7 +129,8 @@ fn signature(c: &Constants, fused: bool) -> Signature {
         surfaces: !c.boundaries.is_empty(),
         rounds: c.boundaries.iter().any(|b| matches!(b.shape, BoundaryShape::Frustum(_))),
         damping: c.spec.local_damping > 0.0,
-        merged: c.count <= MERGED && !c.spec.throughput,
+        merged,
+        told: !merged && c.boundaries.iter().any(|b| matches!(b.shape, BoundaryShape::Mesh(..))),
         shape: if c.spec.throughput { Shape::LARGE } else { Shape::of(c.count) },
         sample: c.is_sample(),
         deforms: c.deforms(),
@@ -357,7 +360,7 @@ impl<R: Runtime> Fleet for GpuFleet<R> {
 }
 
 impl Buffers {
-    fn all(&self) -> [&Buffer; 48] {
+    fn all(&self) -> [&Buffer; 49] {
         [
             &self.world_of,
             &self.world_of_cell,
@@ -386,6 +389,7 @@ impl Buffers {
             &self.ordered,
             &self.rows,
             &self.facets,
+            &self.told,
             &self.row_count,
             &self.row_mem,
             &self.push,

@@ -61,6 +61,9 @@ pub struct Signature {
     /// Whether a step is one launch, contacts with surfaces included. It saves the time of a launch, which small
     /// worlds consist of, but takes so many registers that large ones are faster with two.
     pub merged: bool,
+    /// Whether facets are told apart in a launch before contacts with surfaces: those of a particle take their time one after the
+    /// other, and others wait for the particle that has most. Only where there are triangles is that worth a launch.
+    pub told: bool,
     /// What a block of a step is.
     pub shape: Shape,
     /// Whether stress and fabric are measured.
@@ -255,7 +258,7 @@ pub fn path_word(path: f64) -> u32 {
 /// Words of a world's state that only the rebuild's one-unit kernels and the host write.
 pub mod status {
     /// Words per world.
-    pub const WORDS: u32 = 40;
+    pub const WORDS: u32 = 41;
     /// Steps done of this job when the group of launches began.
     pub const BASE: u32 = 0;
     /// Steps asked for.
@@ -284,8 +287,10 @@ pub mod status {
     pub const ROWS: u32 = 14;
     /// Step of this job at the last rebuild, or `NONE`.
     pub const REBUILT: u32 = 15;
+    /// Facets near particles.
+    pub const FACETS: u32 = 16;
     /// Cells per window along each axis, for each size class where there are several.
-    pub const GRIDS: u32 = 16;
+    pub const GRIDS: u32 = 17;
 }
 
 /// Words of a world's state that many units write.
@@ -384,8 +389,6 @@ pub const MERGED: usize = 131_072;
 pub const SLOTS: u32 = 8;
 /// Facets that one particle touches and that are compared with each other at once; below 32.
 pub const TOUCHED: u32 = 24;
-/// Words of a facet: triangle, boundary, image.
-pub const FACET_WORDS: u32 = 3;
 /// Bits of an image's component.
 pub const IMAGE_BITS: u32 = 10;
 /// Added to each component of an image so that it is not negative.

@@ -822,6 +822,7 @@ pub fn commit(
     states: &mut Array<u32>,
     flags: &mut Array<Atomic<u32>>,
     row_starts: &Array<u32>,
+    facet_starts: &Array<u32>,
     #[comptime] surfaces: bool,
 ) {
     let w = u32::cast_from(ABSOLUTE_POS);
@@ -847,9 +848,11 @@ pub fn commit(
                 }
                 if comptime!(surfaces) {
                     let first = worlds[(c + world::FIRST) as usize];
-                    let blocks = worlds[(c + world::BLOCKS) as usize];
+                    let end = first + worlds[(c + world::BLOCKS) as usize] * BLOCK;
                     states[(s + status::ROWS) as usize] =
-                        row_starts[(first + blocks * BLOCK) as usize] - row_starts[first as usize];
+                        row_starts[end as usize] - row_starts[first as usize];
+                    states[(s + status::FACETS) as usize] =
+                        facet_starts[end as usize] - facet_starts[first as usize];
                 }
             }
             flags[(f + flag::STALE) as usize].store(NONE);

@@ -4,13 +4,11 @@ use cubecl::prelude::*;
 use glebe_physics::kernel::vector::V3;
 
 use super::compensated::rounded;
-use super::layout::{
-    F4, FACET_WORDS, IMAGE_BITS, NONE, SLOTS, Signature, U4, boundary, float_at, pose, status, world,
-};
+use super::layout::{F4, IMAGE_BITS, NONE, SLOTS, Signature, U4, boundary, float_at, pose, status, world};
 use super::round::round_facing;
 use super::step::quad;
 use super::surfaces::{
-    Spot, at_hand, facing, from_origin, height_above, into_body, roughly, roughly_into_body,
+    Spot, at_hand, from_origin, height_above, into_body, roughly, roughly_into_body, within,
 };
 
 /// Nodes that a walk down a hierarchy may have waiting.
@@ -56,11 +54,8 @@ fn may_meet(
 }
 
 #[cube]
-fn write(facets: &mut Array<u32>, at: u32, triangle: u32, boundary: u32, image: u32) {
-    let w = FACET_WORDS * at;
-    facets[w as usize] = triangle;
-    facets[(w + 1u32) as usize] = boundary;
-    facets[(w + 2u32) as usize] = image;
+fn write(facets: &mut Array<U4>, at: u32, triangle: u32, boundary: u32, image: u32, row: u32) {
+    facets[at as usize] = quad(triangle, boundary, image, row);
 }
 
 /// Counts the planes, triangles and parts of shells within reach of a particle's reference, or writes them.
@@ -69,6 +64,7 @@ fn near(
     w: u32,
     p: Spot,
     r: f32,
+    row: u32,
     from: u32,
     worlds: &Array<u32>,
     states: &Array<u32>,
@@ -78,7 +74,7 @@ fn near(
     ordered: &Array<u32>,
     tris: &Array<U4>,
     verts: &Array<F4>,
-    facets: &mut Array<u32>,
+    facets: &mut Array<U4>,
     #[comptime] writes: bool,
     #[comptime] s: Signature,
 ) -> u32 {
@@ -134,7 +130,7 @@ fn near(
                                         round_facing(bounds, bt, poses, at, part, x, r, comptime!(s.fused));
                                     if f.gap.delta > 0.0f32 - beyond {
                                         if comptime!(writes) {
-                                            write(facets, from + found, part, b, image);
+                                            write(facets, from + found, part, b, image, row);
                                         }
                                         found += 1u32;
                                     }
@@ -142,7 +138,7 @@ fn near(
                             } else if triangles == NONE {
                                 if height_above(poses, at, x, comptime!(s.fused)).h < reach {
                                     if comptime!(writes) {
-                                        write(facets, from + found, 0u32, b, image);
+                                        write(facets, from + found, 0u32, b, image, row);
                                     }
                                     found += 1u32;
                                 }
@@ -164,17 +160,15 @@ fn near(
                                             for k in 0..leaf {
                                                 let triangle = ordered[(order0 + link + k) as usize];
                                                 let corners = tris[(triangles + triangle) as usize];
-                                                if at_hand(verts, corners, vertices, y, r + beyond) {
-                                                    let fused = comptime!(s.fused);
-                                                    let f = facing(
-                                                        verts, corners, vertices, body, r, beyond, fused,
-                                                    );
-                                                    if f.gap.delta > 0.0f32 - beyond {
-                                                        if comptime!(writes) {
-                                                            write(facets, from + found, triangle, b, image);
-                                                        }
-                                                        found += 1u32;
+                                                let mut meets = at_hand(verts, corners, vertices, y, reach);
+                                                if meets {
+                                                    meets = within(verts, corners, vertices, y, reach);
+                                                }
+                                                if meets {
+                                                    if comptime!(writes) {
+                                                        write(facets, from + found, triangle, b, image, row);
                                                     }
+                                                    found += 1u32;
                                                 }
                                             }
                                         } else {
@@ -218,7 +212,7 @@ pub fn approach(
     ordered: &Array<u32>,
     tris: &Array<U4>,
     verts: &Array<F4>,
-    facets: &mut Array<u32>,
+    facets: &mut Array<U4>,
     near_count: &mut Array<u32>,
     near_flag: &mut Array<u32>,
     #[comptime] s: Signature,
@@ -233,7 +227,8 @@ pub fn approach(
             let p = reference(refs, at);
             let r = f32::reinterpret(p.lo[3]);
             n = near(
-                w, p, r, 0u32, worlds, states, bounds, poses, nodes, ordered, tris, verts, facets, false, s,
+                w, p, r, NONE, 0u32, worlds, states, bounds, poses, nodes, ordered, tris, verts, facets,
+                false, s,
             );
         }
         near_count[i as usize] = n;
@@ -261,7 +256,7 @@ pub fn settle(
     row_starts: &Array<u32>,
     facet_starts: &Array<u32>,
     rows: &mut Array<u32>,
-    facets: &mut Array<u32>,
+    facets: &mut Array<U4>,
     row_count: &mut Array<u32>,
     row_mem: &mut Array<F4>,
     #[comptime] s: Signature,
@@ -295,6 +290,7 @@ pub fn settle(
                     w,
                     p,
                     r,
+                    mine,
                     new_half * facet_room + from,
                     worlds,
                     states,

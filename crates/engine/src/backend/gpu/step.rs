@@ -364,7 +364,8 @@ pub fn surfaces(
     tris: &Array<U4>,
     verts: &Array<F4>,
     rows: &Array<u32>,
-    facets: &Array<u32>,
+    facets: &Array<U4>,
+    told: &Array<F4>,
     row_count: &mut Array<u32>,
     row_mem: &mut Array<F4>,
     push: &mut Array<F4>,
@@ -387,8 +388,8 @@ pub fn surfaces(
             let i = rows[(2u32 * padded + 3u32 * (which * row_room + row) + 2u32) as usize];
             let q = surfaces_of(
                 row, i, k, which, parity, padded, row_room, facet_room, t, w, dt, flags, worlds, place, vel,
-                spin, own, refs, pairs, bounds, poses, tris, verts, rows, facets, row_count, row_mem, push,
-                s, purpose,
+                spin, own, refs, pairs, bounds, poses, tris, verts, rows, facets, told, row_count, row_mem,
+                push, s, purpose,
             );
             let at = (row + 1u32) * ROW_QUADS;
             row_sums[at as usize] = four(q.force.x, q.force.y, q.force.z, q.energy_normal);
@@ -421,7 +422,7 @@ pub fn surfaces(
 
 /// Whether a launch does anything in a world.
 #[cube]
-fn runs(
+pub fn runs(
     states: &Array<u32>,
     flags: &Array<Atomic<u32>>,
     w: u32,
@@ -616,7 +617,7 @@ pub fn step(
     tris: &Array<U4>,
     verts: &Array<F4>,
     rows: &Array<u32>,
-    facets: &Array<u32>,
+    facets: &Array<U4>,
     row_count: &mut Array<u32>,
     row_mem: &mut Array<F4>,
     push: &mut Array<F4>,

@@ -12,14 +12,14 @@ use super::compensated::{
     Gap, Two, Two3, along2, dot2, gap, minus2, minus23, plus2, rounded, sum, times2_loose,
 };
 use super::layout::{
-    F4, FACET_WORDS, IMAGE_BITS, IMAGE_ZERO, NONE, SLOTS, Signature, TOUCHED, U4, boundary, flag, float_at,
-    halt, pose, world,
+    BLOCK, F4, IMAGE_BITS, IMAGE_ZERO, NONE, SLOTS, Signature, TOUCHED, U4, boundary, flag, float_at, halt,
+    pose, quick, status, world,
 };
 use super::pair::{Meeting, interact, inverse_inertia};
 use super::recall::{Floats, packed, recalled};
 use super::round::round_facing;
 use super::rows::ROUGH;
-use super::step::{Purpose, Sums, bits3, first3, four, quad, turned};
+use super::step::{Purpose, Sums, bits3, first3, four, quad, runs, turned};
 
 /// Facets of which it is told together whether they are close: as many as a word has bits.
 const CHUNK: u32 = 32;
@@ -291,6 +291,22 @@ fn outside(a: f32, b: f32, c: f32, x: f32) -> f32 {
     f32::max(f32::max(low - x, x - high), 0.0f32)
 }
 
+/// Whether a triangle may be within `reach` of the place `x` of its frame: whether its closest point is, in single precision
+/// and with as much room as that leaves open.
+#[cube]
+pub fn within(verts: &Array<F4>, corners: U4, first: u32, x: V3, reach: f32) -> bool {
+    let a = minus(first3(verts[(2u32 * (first + corners[0])) as usize]), x);
+    let b = minus(first3(verts[(2u32 * (first + corners[1])) as usize]), x);
+    let c = minus(first3(verts[(2u32 * (first + corners[2])) as usize]), x);
+    let closest = closest_to_origin(a, b, c);
+    let ab = minus(b, a);
+    let ac = minus(c, a);
+    let about = plus(a, plus(scaled(ab, closest.s), scaled(ac, closest.t)));
+    let blurred = length(x) + length(a) + length(ab) + length(ac);
+    let open = reach + 1.0e-6f32 * blurred;
+    dot(about, about) <= open * open
+}
+
 /// The point of a triangle closest to the place `x` of its frame, seen by a sphere of radius `r` there. What is clearly
 /// further than `range` from the sphere is only told to be so: with an overlap of `-1e30`.
 ///
@@ -369,6 +385,238 @@ pub fn too_deep(w: u32, k: u32, id: u32, flags: &mut Array<Atomic<u32>>) {
     flags[(f + flag::STALE) as usize].fetch_min(k);
 }
 
+/// Where a particle is in the frame of a mesh, or from the origin of a plane or shell.
+#[cube]
+fn in_frame(
+    worlds: &Array<u32>,
+    c: u32,
+    bounds: &Array<u32>,
+    bt: u32,
+    poses: &Array<u32>,
+    at: u32,
+    p: Spot,
+    image: u32,
+    #[comptime] s: Signature,
+) -> Two3 {
+    let x = from_origin(worlds, c, poses, at, p, image, comptime!(s.fused), comptime!(s.orthogonal));
+    let mut xh = x.x.h;
+    let mut xl = x.x.l;
+    let mut yh = x.y.h;
+    let mut yl = x.y.l;
+    let mut zh = x.z.h;
+    let mut zl = x.z.l;
+    if parts_of(bounds, bt, s) == 0u32 && bounds[(bt + boundary::TRIANGLES) as usize] != NONE {
+        let body = into_body(poses, at, x, comptime!(s.fused));
+        xh = body.x.h;
+        xl = body.x.l;
+        yh = body.y.h;
+        yl = body.y.l;
+        zh = body.z.h;
+        zl = body.z.l;
+    }
+    Two3 { x: Two { h: xh, l: xl }, y: Two { h: yh, l: yl }, z: Two { h: zh, l: zl } }
+}
+
+/// Parts of a shell; 0 of other boundaries.
+#[cube]
+fn parts_of(bounds: &Array<u32>, bt: u32, #[comptime] s: Signature) -> u32 {
+    if comptime!(s.rounds) { bounds[(bt + boundary::PARTS) as usize] } else { 0u32.runtime() }
+}
+
+/// The point of a facet closest to a sphere of radius `r` at the place `x` of [`in_frame`], with the normal in the world.
+// Variables of a kernel begin with a value, read or not.
+#[allow(unused_assignments)]
+#[cube]
+fn faces(
+    bounds: &Array<u32>,
+    bt: u32,
+    poses: &Array<u32>,
+    at: u32,
+    tris: &Array<U4>,
+    verts: &Array<F4>,
+    triangle: u32,
+    x: Two3,
+    r: f32,
+    range: f32,
+    #[comptime] s: Signature,
+) -> Facing {
+    let triangles = bounds[(bt + boundary::TRIANGLES) as usize];
+    let mut ux = 0.0f32;
+    let mut uy = 0.0f32;
+    let mut uz = 0.0f32;
+    let mut distance = 0.0f32;
+    let mut delta = (0.0f32 - 1.0e30f32).runtime();
+    let mut rank = 0u32;
+    if parts_of(bounds, bt, s) > 0u32 {
+        let f = round_facing(bounds, bt, poses, at, triangle, x, r, comptime!(s.fused));
+        ux = f.gap.n.x;
+        uy = f.gap.n.y;
+        uz = f.gap.n.z;
+        distance = f.gap.distance;
+        delta = f.gap.delta;
+        rank = f.rank;
+    } else if triangles == NONE {
+        let h = height_above(poses, at, x, comptime!(s.fused));
+        distance = f32::abs(h.h);
+        let sign = select(h.h > 0.0f32, 1.0f32, 0.0f32 - 1.0f32);
+        delta = minus2(sum(r, 0.0f32), Two { h: h.h * sign, l: h.l * sign }).h;
+        let normal = at + pose::NORMAL;
+        ux = 0.0f32 - sign * float_at(poses, normal);
+        uy = 0.0f32 - sign * float_at(poses, normal + 1u32);
+        uz = 0.0f32 - sign * float_at(poses, normal + 2u32);
+    } else {
+        let vertices = bounds[(bt + boundary::VERTICES) as usize];
+        let corners = tris[(triangles + triangle) as usize];
+        let f = facing(verts, corners, vertices, x, r, range, comptime!(s.fused));
+        let n = into_world(poses, at, f.gap.n);
+        ux = n.x;
+        uy = n.y;
+        uz = n.z;
+        distance = f.gap.distance;
+        delta = f.gap.delta;
+        rank = f.rank;
+    }
+    Facing { gap: Gap { n: V3 { x: ux, y: uy, z: uz }, distance, delta }, rank }
+}
+
+/// What single precision knows of a particle beside a boundary.
+#[derive(CubeType, Clone, Copy)]
+struct Rough {
+    /// Where it is in the frame of a mesh, or its height above a plane.
+    x: V3,
+    /// How far a facet may seem that it touches.
+    open: f32,
+    /// Whether the boundary is there.
+    there: bool,
+}
+
+#[cube]
+fn rough(
+    worlds: &Array<u32>,
+    c: u32,
+    bounds: &Array<u32>,
+    bt: u32,
+    poses: &Array<u32>,
+    at: u32,
+    p: Spot,
+    image: u32,
+    reach: f32,
+    #[comptime] s: Signature,
+) -> Rough {
+    let x = roughly(worlds, c, poses, at, p, image, comptime!(s.orthogonal));
+    let body = roughly_into_body(poses, at, x);
+    let mut along = body.x;
+    if bounds[(bt + boundary::TRIANGLES) as usize] == NONE {
+        let n = at + pose::NORMAL;
+        along = float_at(poses, n) * x.x + float_at(poses, n + 1u32) * x.y + float_at(poses, n + 2u32) * x.z;
+    }
+    Rough {
+        x: V3 { x: along, y: body.y, z: body.z },
+        open: reach + ROUGH * (f32::abs(x.x) + f32::abs(x.y) + f32::abs(x.z)),
+        there: poses[(at + pose::PRESENT) as usize] == 1u32,
+    }
+}
+
+/// Whether a facet is worth a close look.
+#[cube]
+fn seems_near(
+    bounds: &Array<u32>,
+    bt: u32,
+    tris: &Array<U4>,
+    verts: &Array<F4>,
+    triangle: u32,
+    q: Rough,
+    #[comptime] s: Signature,
+) -> bool {
+    let mut near = q.there;
+    if q.there && parts_of(bounds, bt, s) == 0u32 {
+        let triangles = bounds[(bt + boundary::TRIANGLES) as usize];
+        if triangles == NONE {
+            near = f32::abs(q.x.x) <= q.open;
+        } else {
+            let corners = tris[(triangles + triangle) as usize];
+            let vertices = bounds[(bt + boundary::VERTICES) as usize];
+            near = at_hand(verts, corners, vertices, q.x, q.open);
+            if near {
+                near = within(verts, corners, vertices, q.x, q.open);
+            }
+        }
+    }
+    near
+}
+
+/// The reach of a particle in single precision, with room for what that blurs.
+#[cube]
+fn rough_reach(worlds: &Array<u32>, c: u32, r: f32) -> f32 {
+    let height = c + world::HEIGHT;
+    let windows =
+        float_at(worlds, height) + float_at(worlds, height + 1u32) + float_at(worlds, height + 2u32);
+    1.001f32 * (r + float_at(worlds, c + world::RANGE)) + ROUGH * windows
+}
+
+/// Poses of a launch's step: forces that are taken after the motion meet surfaces where they are then.
+fn later(s: Signature, purpose: Purpose) -> u32 {
+    u32::from(s.integrator == IntegratorKind::VelocityVerlet && purpose == Purpose::Step)
+}
+
+/// How close facets are to the particles that they are listed for, told side by side before those of a particle are compared:
+/// of each overlap, distance and rank, then the normal unless it is clearly far. One unit per facet.
+#[cube(launch_unchecked, fast_math = quick())]
+pub fn tell(
+    k: u32,
+    padded: u32,
+    row_room: u32,
+    facet_room: u32,
+    world_of: &Array<u32>,
+    worlds: &Array<u32>,
+    states: &Array<u32>,
+    flags: &Array<Atomic<u32>>,
+    place: &Array<U4>,
+    own: &Array<U4>,
+    refs: &Array<U4>,
+    bounds: &Array<u32>,
+    poses: &Array<u32>,
+    tris: &Array<U4>,
+    verts: &Array<F4>,
+    rows: &Array<u32>,
+    facets: &Array<U4>,
+    told: &mut Array<F4>,
+    #[comptime] s: Signature,
+    #[comptime] purpose: Purpose,
+) {
+    let w = world_of[CUBE_POS + ((padded + row_room) / BLOCK) as usize];
+    let c = w * world::WORDS;
+    let st = w * status::WORDS;
+    let e = u32::cast_from(ABSOLUTE_POS);
+    let in_use = e - worlds[(c + world::FACETS) as usize] < states[(st + status::FACETS) as usize];
+    if in_use && runs(states, flags, w, k, purpose) {
+        let parity = (states[(st + status::PARITY) as usize] + k) & 1u32;
+        let which = states[(st + status::LISTED) as usize];
+        let now = states[(st + status::BASE) as usize] + k + comptime!(later(s, purpose));
+        let facet = facets[(which * facet_room + e) as usize];
+        let i = rows[(2u32 * padded + 3u32 * (which * row_room + facet[3]) + 2u32) as usize];
+        let me = (parity * padded + i) as usize;
+        let p = spot(place, own, refs, me, which * padded + i);
+        let r = f32::reinterpret(place[me][3]);
+        let bt = (worlds[(c + world::BOUNDARIES) as usize] + facet[1]) * boundary::WORDS;
+        let at = bounds[(bt + boundary::POSE) as usize] + now * bounds[(bt + boundary::STRIDE) as usize];
+        let about = rough(worlds, c, bounds, bt, poses, at, p, facet[2], rough_reach(worlds, c, r), s);
+        let mut delta = (0.0f32 - 1.0e30f32).runtime();
+        let mut distance = 0.0f32;
+        let mut rank = 0u32;
+        if seems_near(bounds, bt, tris, verts, facet[0], about, s) {
+            let range = float_at(worlds, c + world::RANGE);
+            let x = in_frame(worlds, c, bounds, bt, poses, at, p, facet[2], s);
+            let f = faces(bounds, bt, poses, at, tris, verts, facet[0], x, r, range, s);
+            delta = f.gap.delta;
+            distance = f.gap.distance;
+            rank = f.rank;
+            told[(2u32 * e + 1u32) as usize] = four(f.gap.n.x, f.gap.n.y, f.gap.n.z, 0.0f32);
+        }
+        told[(2u32 * e) as usize] = four(delta, distance, f32::cast_from(rank), 0.0f32);
+    }
+}
+
 /// The sums of the contacts of particle `i`, which has `row`, with surfaces. An overlap above the limit stops the world.
 // Variables of a kernel begin with a value, read or not.
 #[allow(unused_assignments)]
@@ -398,7 +646,8 @@ pub fn surfaces_of(
     tris: &Array<U4>,
     verts: &Array<F4>,
     rows: &Array<u32>,
-    facets: &Array<u32>,
+    facets: &Array<U4>,
+    told: &Array<F4>,
     row_count: &mut Array<u32>,
     row_mem: &mut Array<F4>,
     push: &mut Array<F4>,
@@ -411,15 +660,14 @@ pub fn surfaces_of(
     let materials = worlds[(c + world::MATERIALS) as usize];
     let table = worlds[(c + world::PAIRS) as usize];
     let bound0 = worlds[(c + world::BOUNDARIES) as usize];
-    // A force that is taken after the motion meets surfaces where they are then.
-    let split = comptime!(s.integrator == IntegratorKind::VelocityVerlet && purpose == Purpose::Step);
-    let now = if comptime!(split) { t + 1u32 } else { t };
+    let now = t + comptime!(later(s, purpose));
     let mine = which * padded + i;
     let me = (parity * padded + i) as usize;
     // What is needed seldom is loaded where it is, so that it takes no registers in between.
     let r = f32::reinterpret(place[me][3]);
     let table_row = 2u32 * padded + 3u32 * (which * row_room + row);
-    let first = which * facet_room + rows[table_row as usize];
+    let slot = rows[table_row as usize];
+    let first = which * facet_room + slot;
     let entries = rows[(table_row + 1u32) as usize];
     let old_n = row_count[(parity * row_room + row) as usize];
     let old = (parity * row_room + row) * SLOTS;
@@ -465,11 +713,7 @@ pub fn surfaces_of(
     // a second look tells.
     let mut used = 0u32;
     let mut kept = 0u32;
-    // The same in single precision; `reach` leaves room for what that blurs.
-    let height = c + world::HEIGHT;
-    let windows =
-        float_at(worlds, height) + float_at(worlds, height + 1u32) + float_at(worlds, height + 2u32);
-    let reach = 1.001f32 * (r + range) + ROUGH * windows;
+    let reach = rough_reach(worlds, c, r);
     let mut wanted: u32 = 1u32;
     let mut looks: u32 = 0u32;
     while looks < wanted {
@@ -477,151 +721,86 @@ pub fn surfaces_of(
         while done < entries {
             // Units of a warp that look closely wait for each other: which facets are worth it is told beforehand.
             let mut close = 0u32;
-            let mut rough_of = NONE.runtime();
-            let mut rough_through = NONE.runtime();
-            let mut rough_x = 0.0f32;
-            let mut rough_y = 0.0f32;
-            let mut rough_z = 0.0f32;
+            let mut of = NONE.runtime();
+            let mut through = NONE.runtime();
+            let mut xh = 0.0f32;
+            let mut yh = 0.0f32;
+            let mut zh = 0.0f32;
             let mut open = 0.0f32;
             let mut there = false;
-            let mut rounds = false;
-            let mut triangles = 0u32;
-            let mut vertices = 0u32;
             for q in 0..min(entries - done, CHUNK) {
-                let facet = FACET_WORDS * (first + done + q);
-                let triangle = facets[facet as usize];
-                let b = facets[(facet + 1u32) as usize];
-                let seen = facets[(facet + 2u32) as usize];
-                if b != rough_of || seen != rough_through {
-                    rough_of = b;
-                    rough_through = seen;
-                    let bt = (bound0 + b) * boundary::WORDS;
-                    let at = bounds[(bt + boundary::POSE) as usize]
-                        + now * bounds[(bt + boundary::STRIDE) as usize];
-                    there = poses[(at + pose::PRESENT) as usize] == 1u32;
-                    triangles = bounds[(bt + boundary::TRIANGLES) as usize];
-                    vertices = bounds[(bt + boundary::VERTICES) as usize];
-                    let p = spot(place, own, refs, me, mine);
-                    let x = roughly(worlds, c, poses, at, p, seen, comptime!(s.orthogonal));
-                    open = reach + ROUGH * (f32::abs(x.x) + f32::abs(x.y) + f32::abs(x.z));
-                    let body = roughly_into_body(poses, at, x);
-                    rough_x = body.x;
-                    rough_y = body.y;
-                    rough_z = body.z;
-                    if triangles == NONE {
-                        let n = at + pose::NORMAL;
-                        rough_x = float_at(poses, n) * x.x
-                            + float_at(poses, n + 1u32) * x.y
-                            + float_at(poses, n + 2u32) * x.z;
+                let mut near = false;
+                if comptime!(s.told) {
+                    near = told[(2u32 * (slot + done + q)) as usize][0] > 0.0f32 - range;
+                } else {
+                    let facet = facets[(first + done + q) as usize];
+                    let bt = (bound0 + facet[1]) * boundary::WORDS;
+                    if facet[1] != of || facet[2] != through {
+                        of = facet[1];
+                        through = facet[2];
+                        let at = bounds[(bt + boundary::POSE) as usize]
+                            + now * bounds[(bt + boundary::STRIDE) as usize];
+                        let p = spot(place, own, refs, me, mine);
+                        let about = rough(worlds, c, bounds, bt, poses, at, p, through, reach, s);
+                        xh = about.x.x;
+                        yh = about.x.y;
+                        zh = about.x.z;
+                        open = about.open;
+                        there = about.there;
                     }
-                    if comptime!(s.rounds) {
-                        rounds = bounds[(bt + boundary::PARTS) as usize] > 0u32;
-                    }
-                }
-                let mut near = there;
-                if there && !rounds {
-                    if triangles == NONE {
-                        near = f32::abs(rough_x) <= open;
-                    } else {
-                        let corners = tris[(triangles + triangle) as usize];
-                        near = at_hand(
-                            verts,
-                            corners,
-                            vertices,
-                            V3 { x: rough_x, y: rough_y, z: rough_z },
-                            open,
-                        );
-                    }
+                    let about = Rough { x: V3 { x: xh, y: yh, z: zh }, open, there };
+                    near = seems_near(bounds, bt, tris, verts, facet[0], about, s);
                 }
                 close |= select(near, 1u32 << q, 0u32);
             }
             // Facets of a boundary stand together: where the particle is, in the frame that it wants, is found once.
-            let mut of = NONE.runtime();
-            let mut through = NONE.runtime();
-            let mut xh = 0.0f32;
+            of = NONE.runtime();
             let mut xl = 0.0f32;
-            let mut yh = 0.0f32;
             let mut yl = 0.0f32;
-            let mut zh = 0.0f32;
             let mut zl = 0.0f32;
             for _look in 0..close.count_ones() {
                 let e = done + close.find_first_set() - 1u32;
                 close &= close - 1u32;
-                let facet = FACET_WORDS * (first + e);
-                let triangle = facets[facet as usize];
-                let b = facets[(facet + 1u32) as usize];
-                let seen = facets[(facet + 2u32) as usize];
-                let bt = (bound0 + b) * boundary::WORDS;
-                let at =
-                    bounds[(bt + boundary::POSE) as usize] + now * bounds[(bt + boundary::STRIDE) as usize];
-                let triangles = bounds[(bt + boundary::TRIANGLES) as usize];
+                let facet = facets[(first + e) as usize];
+                let b = facet[1];
+                let seen = facet[2];
                 let mut ux = 0.0f32;
                 let mut uy = 0.0f32;
                 let mut uz = 0.0f32;
                 let mut size = 0.0f32;
                 let mut delta = (0.0f32 - 1.0e30f32).runtime();
                 let mut order = 0u32;
-                let parts = if comptime!(s.rounds) {
-                    bounds[(bt + boundary::PARTS) as usize]
+                if comptime!(s.told) {
+                    let at = (2u32 * (slot + e)) as usize;
+                    let (how, n) = (told[at], told[at + 1usize]);
+                    ux = n[0];
+                    uy = n[1];
+                    uz = n[2];
+                    delta = how[0];
+                    size = how[1];
+                    order = u32::cast_from(how[2]);
                 } else {
-                    0u32.runtime()
-                };
-                if b != of || seen != through {
-                    of = b;
-                    through = seen;
-                    let p = spot(place, own, refs, me, mine);
-                    let x = from_origin(
-                        worlds,
-                        c,
-                        poses,
-                        at,
-                        p,
-                        seen,
-                        comptime!(s.fused),
-                        comptime!(s.orthogonal),
-                    );
-                    xh = x.x.h;
-                    xl = x.x.l;
-                    yh = x.y.h;
-                    yl = x.y.l;
-                    zh = x.z.h;
-                    zl = x.z.l;
-                    if parts == 0u32 && triangles != NONE {
-                        let body = into_body(poses, at, x, comptime!(s.fused));
-                        xh = body.x.h;
-                        xl = body.x.l;
-                        yh = body.y.h;
-                        yl = body.y.l;
-                        zh = body.z.h;
-                        zl = body.z.l;
+                    let bt = (bound0 + b) * boundary::WORDS;
+                    let at = bounds[(bt + boundary::POSE) as usize]
+                        + now * bounds[(bt + boundary::STRIDE) as usize];
+                    if b != of || seen != through {
+                        of = b;
+                        through = seen;
+                        let p = spot(place, own, refs, me, mine);
+                        let x = in_frame(worlds, c, bounds, bt, poses, at, p, seen, s);
+                        xh = x.x.h;
+                        xl = x.x.l;
+                        yh = x.y.h;
+                        yl = x.y.l;
+                        zh = x.z.h;
+                        zl = x.z.l;
                     }
-                }
-                let spot = Two3 { x: Two { h: xh, l: xl }, y: Two { h: yh, l: yl }, z: Two { h: zh, l: zl } };
-                if parts > 0u32 {
-                    let f = round_facing(bounds, bt, poses, at, triangle, spot, r, comptime!(s.fused));
+                    let x =
+                        Two3 { x: Two { h: xh, l: xl }, y: Two { h: yh, l: yl }, z: Two { h: zh, l: zl } };
+                    let f = faces(bounds, bt, poses, at, tris, verts, facet[0], x, r, range, s);
                     ux = f.gap.n.x;
                     uy = f.gap.n.y;
                     uz = f.gap.n.z;
-                    size = f.gap.distance;
-                    delta = f.gap.delta;
-                    order = f.rank;
-                } else if triangles == NONE {
-                    let h = height_above(poses, at, spot, comptime!(s.fused));
-                    size = f32::abs(h.h);
-                    let sign = select(h.h > 0.0f32, 1.0f32, 0.0f32 - 1.0f32);
-                    delta = minus2(sum(r, 0.0f32), Two { h: h.h * sign, l: h.l * sign }).h;
-                    let normal = at + pose::NORMAL;
-                    ux = 0.0f32 - sign * float_at(poses, normal);
-                    uy = 0.0f32 - sign * float_at(poses, normal + 1u32);
-                    uz = 0.0f32 - sign * float_at(poses, normal + 2u32);
-                } else {
-                    let vertices = bounds[(bt + boundary::VERTICES) as usize];
-                    let corners = tris[(triangles + triangle) as usize];
-                    let f = facing(verts, corners, vertices, spot, r, range, comptime!(s.fused));
-                    let n = into_world(poses, at, f.gap.n);
-                    ux = n.x;
-                    uy = n.y;
-                    uz = n.z;
                     size = f.gap.distance;
                     delta = f.gap.delta;
                     order = f.rank;

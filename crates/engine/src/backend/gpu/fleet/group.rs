@@ -6,8 +6,8 @@ use cubecl::prelude::*;
 
 use super::super::device::{Device, QUAD, rows_of_grid};
 use super::super::layout::{
-    BLOCK, FACET_WORDS, NONE, PAIR_QUADS, PERIOD, REFER, SLICE, SLOTS, SUMS, Signature, boundary, flag, halt,
-    status, world,
+    BLOCK, NONE, PAIR_QUADS, PERIOD, REFER, SLICE, SLOTS, SUMS, Signature, boundary, flag, halt, status,
+    world,
 };
 use super::super::tables::{Meshes, Region, Rooms, cell_room, deform, leaves, pair_quads, stand, world_row};
 use super::super::{keep, scan, step};
@@ -103,7 +103,16 @@ impl Group {
         let pushed = row_room / signature.rows_of_block() * names;
         let held = (PUSHED / (2 * QUAD * pushed).max(1)).clamp(1, PERIOD as usize) as u32;
         let b = Buffers {
-            world_of: device.upload(&[per(&|r| r.blocks), idlers, per(&|r| r.rooms.rows / BLOCK)].concat()),
+            // Blocks of particles, rows and facets.
+            world_of: device.upload(
+                &[
+                    per(&|r| r.blocks),
+                    idlers,
+                    per(&|r| r.rooms.rows / BLOCK),
+                    per(&|r| r.rooms.facets / BLOCK),
+                ]
+                .concat(),
+            ),
             world_of_cell: device.upload(&per(&|r| r.cell_room / BLOCK)),
             worlds: device.zeros(1, 4),
             states: device.zeros(worlds.len() * status::WORDS as usize, 4),
@@ -130,7 +139,8 @@ impl Group {
             nodes: device.upload(&meshes.nodes),
             ordered: device.upload(&meshes.order),
             rows: device.zeros(2 * n + 6 * row_room, 4),
-            facets: device.zeros(2 * FACET_WORDS as usize * facet_room, 4),
+            facets: device.zeros(2 * facet_room, QUAD),
+            told: device.zeros(if signature.told { 2 * facet_room } else { 1 }, QUAD),
             row_count: device.zeros(2 * row_room, 4),
             row_mem: device.zeros(2 * signature.row_quads() as usize * row_room * SLOTS as usize, QUAD),
             push: device.zeros(2 * (row_room * SLOTS as usize + held as usize * pushed), QUAD),
@@ -367,7 +377,7 @@ pub(super) fn first_rooms(c: &Constants, count: usize, worlds: usize) -> Rooms {
     Rooms {
         lists: listed * n.next_multiple_of(BLOCK),
         rows: if surfaces { rows.next_multiple_of(BLOCK) } else { BLOCK },
-        facets: if surfaces { 4 * rows } else { 1 },
+        facets: if surfaces { (4 * rows).next_multiple_of(BLOCK) } else { BLOCK },
     }
 }
 
@@ -389,6 +399,6 @@ fn widen(rooms: &mut [Rooms], counts: &[usize], (w, need): Lack) {
         };
         r.lists = grown(r.lists, lists).next_multiple_of(2 * BLOCK);
         r.rows = grown(r.rows, rows).next_multiple_of(BLOCK);
-        r.facets = grown(r.facets, facets);
+        r.facets = grown(r.facets, facets).next_multiple_of(BLOCK);
     }
 }

@@ -8,7 +8,7 @@ use super::super::launch::{Arguments, settings};
 use super::super::layout::{BLOCK, NONE, SLICE, SUMS};
 use super::super::step::Purpose;
 use super::super::tables::leaves;
-use super::super::{grades, keep, lists, rows, scan, search, step, sums};
+use super::super::{grades, keep, lists, rows, scan, search, step, sums, surfaces};
 use super::{Group, Report};
 
 impl Group {
@@ -121,6 +121,33 @@ impl Group {
         // SAFETY: kernels stay within the buffers, whose sizes follow from the same layout.
         #[allow(unsafe_code)]
         unsafe {
+            if self.signature.told {
+                surfaces::tell::launch_unchecked::<R>(
+                    device.client(),
+                    grid((self.rooms[2] / BLOCK) as usize),
+                    CubeDim::new_1d(BLOCK),
+                    k,
+                    self.padded,
+                    self.rooms[1],
+                    self.rooms[2],
+                    b.world_of.arg(),
+                    b.worlds.arg(),
+                    b.states.arg(),
+                    b.flags.arg(),
+                    b.place.arg(),
+                    b.own.arg(),
+                    b.refs.arg(),
+                    b.bounds.arg(),
+                    b.poses.arg(),
+                    b.tris.arg(),
+                    b.verts.arg(),
+                    b.rows.arg(),
+                    b.facets.arg(),
+                    b.told.arg(),
+                    self.signature,
+                    purpose,
+                );
+            }
             if self.signature.surfaces && !self.signature.merged {
                 let mut a = Arguments::of(&[k, self.padded, self.rooms[1], self.rooms[2], self.names]);
                 let kernel = step::surfaces::Surfaces::<R>::new(
@@ -147,6 +174,7 @@ impl Group {
                     a.buffer(&b.verts),
                     a.buffer(&b.rows),
                     a.buffer(&b.facets),
+                    a.buffer(&b.told),
                     a.buffer(&b.row_count),
                     a.buffer(&b.row_mem),
                     a.buffer(&b.push),
@@ -394,6 +422,7 @@ impl Group {
                 b.states.arg(),
                 b.flags.arg(),
                 b.row_starts.arg(),
+                b.facet_starts.arg(),
                 self.signature.surfaces,
             );
         }
